@@ -291,6 +291,44 @@ def test_a_drone_that_saw_no_ground_is_told_though_another_saw_some(plain: Path,
     assert "uav3: no frame of it was used" in told
 
 
+@pytest.mark.parametrize("detector", ["recorded", "crowdnet-s"])
+def test_an_evaluation_doubts_all_that_a_run_doubts(plain: Path, tmp_path: Path, detector: str) -> None:
+    """The second drone sees nobody where the first shows a crowd, and the third looks at the sky; no ground
+    reaches the threshold of 1. The pictures are noise."""
+    stamps_ns = [EPOCH_NS + k * SECOND // 2 for k in range(12)]
+    drones = ("uav1", "uav2", "uav3")
+    flown = turned_up(write_hovering(tmp_path / "rec", dict.fromkeys(drones, stamps_ns)), "uav3")
+    camera = {"width": 320, "height": 240, "fx": 240.0, "fy": 240.0, "cx": 160.0, "cy": 120.0}
+    (flown / "recording.json").write_text(json.dumps({"cameras": {"*": camera}}))
+    shown, random = np.zeros((6, 8), np.uint8), np.random.default_rng(3)
+    shown[2:4, 2:4] = 242
+    for inside in ("images", "truth/regions"):
+        (flown / inside).mkdir(parents=True)
+    for stamp_ns in stamps_ns:
+        Image.fromarray(shown).save(flown / "heatmaps" / f"uav1_{stamp_ns}.png")
+        labels = Image.fromarray(np.kron(shown > 0, np.ones((40, 40), np.uint8)))
+        labels.save(flown / "truth" / "regions" / f"uav1_{stamp_ns}.png")
+        for drone in drones:
+            picture = Image.fromarray(random.integers(0, 256, (240, 320, 3), dtype=np.uint8))
+            picture.save(flown / "images" / f"{drone}_{stamp_ns}.png")
+    common = (flown, "-t", plain, "--assume-local", "--detector", detector, "--json")
+    said = {}
+    for threshold in (None, 1.0):
+        told = () if threshold is None else ("--threshold", threshold)
+        ran = crowdfence("run", *common, *told, "-o", tmp_path / f"out{threshold}")
+        scored = crowdfence("evaluate", *common, *told, "--method", "evidence")
+        assert ran.returncode == scored.returncode == 0, ran.stderr + scored.stderr
+        run, said[threshold] = (set(json.loads(done.stdout)["warnings"]) for done in (ran, scored))
+        of_method = {line.removeprefix("evidence: ") for line in said[threshold]}
+        assert run - of_method == set()
+    expected = {
+        "recorded": [(None, "uav2 saw nobody in 12 looks"), (1.0, "evidence: pictures of uav1 show crowd")],
+        "crowdnet-s": [(None, "crowdnet-s was not tested"), (None, "look unlike everything")],
+    }
+    for threshold, doubt in [(None, "uav3: none of its 12 views shows ground"), *expected[detector]]:
+        assert any(doubt in line for line in said[threshold]), said
+
+
 @pytest.mark.parametrize("command", ["inspect", "run", "convert"])
 def test_every_command_that_reads_a_recording_tells_its_warnings(
     plain: Path, tmp_path: Path, command: str

@@ -9,7 +9,7 @@ import pytest
 from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig, ZoneConfig
 from crowdfence.evaluation.iou import IouAccumulator
 from crowdfence.evaluation.replay import Scores, TruthKind, beside_map_warning, score, unrecorded_warning
-from crowdfence.pipeline import heatmap_source, open_terrain
+from crowdfence.pipeline import heatmap_source, open_terrain, run
 from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.sources import Recording, open_recording
 from crowdfence.sources.recorded_truth import RecordedPeople
@@ -137,3 +137,20 @@ def test_people_beside_the_map_are_in_no_figure_and_told(scores: Scores) -> None
     assert 0 < row.safety.people < scores.rows[0].safety.people
     with pytest.raises(ValueError, match=r"all people of crowds in race stand beside the map .* check frame"):
         beside_map_warning(moved(50_000.0, 1), terrain, tolerance_ms)
+
+
+def test_crowd_that_a_method_closes_nothing_for_is_told_of_that_method(scores: Scores) -> None:
+    recording = open_recording(DEMO)
+    methods = (EvidenceConfig(), EvidenceConfig(zone_log_odds=9.0))
+    found = score(
+        recording,
+        open_terrain(recording),
+        [RunConfig(one) for one in methods],
+        truth="world",
+        swept=[RunConfig(EvidenceConfig(zone_log_odds=12.0))],
+    )
+    usual, strict = found.rows
+    assert [*usual.unheeded, *scores.rows[0].unheeded, *found.swept[0].unheeded] == []
+    (told,) = strict.unheeded
+    assert "s after the first instant every look of" in told and "nothing is closed for it" in told
+    assert run(recording, open_terrain(recording), RunConfig(methods[1])).unheeded == strict.unheeded

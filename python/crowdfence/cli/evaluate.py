@@ -128,8 +128,7 @@ def evaluate(
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
     from crowdfence.evaluation.safety import states_range
     from crowdfence.maps.voxel_size import coarse_voxels_warning
-    from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map
-    from crowdfence.pipeline.heatmap_units import HeatmapUnits
+    from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map, review_detector
     from crowdfence.pipeline.under_ground import under_ground_line
     from crowdfence.sources.ground_contact import on_ground
     from crowdfence.sources.layers import CROWD, checked_layer
@@ -153,7 +152,7 @@ def evaluate(
         with console.progress("measuring the detector", len(source.frames), "frames") as advance:
             cells.counts = count_rates(
                 source,
-                heatmaps,
+                heatmap_source(chosen, ground, told["max_range_m"]),  # every picture is looked at twice
                 b_threshold=paper.b_threshold,
                 on_instant=lambda instant, _: advance(len(instant.frames)),
             )
@@ -171,7 +170,7 @@ def evaluate(
         for one in _methods(context.params, name, paper, alpha)
     ]
     configs = [options.run_config(context.params, one) for one in methods]
-    units = HeatmapUnits()
+    review = review_detector(heatmaps, source, ground, *configs)
     tolerance_ms = configs[0].grouping.tolerance_ms
     beside = beside_map_warning(source, ground, tolerance_ms) if layer == CROWD else None
     turned_ones = [(number, turn) for number, one in enumerate(methods) for turn in turns(one) if sweep]
@@ -180,11 +179,9 @@ def evaluate(
         def count(instant: Instant, found: InstantViews) -> None:
             if not measured_rates:
                 cells.add(instant, found)
-            for view in found.views:
-                units.look(view)
             advance(len(instant.frames))
 
-        scores, refused, crowd_mass, swept = score(
+        scores, refused, crowd_mass, swept, of_flight = score(
             source,
             ground,
             configs,
@@ -207,10 +204,12 @@ def evaluate(
         *(one for one in (unlabelled, unrecorded, beside) if one is not None),
         *reading.doubts,
         *filter(None, (coarse_voxels_warning(ground.voxel_size_m), under_ground_line(ground, source.frames))),
-        *heatmaps.of_detectors,
         *doubts,
-        *units.warnings,
+        *of_flight,
+        *([] if review is None else review.warnings),
+        *heatmaps.warnings,
         *lost,
+        *(f"{_label(row.config)}: {one}" for row in scores for one in row.unheeded),
     ]
     counts = cells.counts
     if truth is options.TruthChoice.projected and counts.positives + counts.negatives == 0:

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence._core import CrowdMass, Terrain
+from crowdfence._core import CrowdMass, Observation, Terrain
 from crowdfence.config import OrConfig, RunConfig
 from crowdfence.errors import FrameError
 from crowdfence.evaluation.cells.rates import Confusion, confusion
@@ -18,12 +18,14 @@ from crowdfence.evaluation.iou import MeanIou
 from crowdfence.evaluation.layer_measures import LayerMeasures
 from crowdfence.evaluation.measures import Measures, SeenVoxels
 from crowdfence.evaluation.probability_quality import ProbabilityQuality
-from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch, Safety
+from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch, Safety, near_columns
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
 from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import RECORDED, HeatmapSource
+from crowdfence.pipeline.flight_doubts import FlightDoubts
 from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.pipeline.terrain import check_overlap
+from crowdfence.pipeline.unheeded_crowd import UnheededInFlight
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.layers import CROWD
 from crowdfence.sources.recording import Instant, InstantViews, Recording, RefusedFrame
@@ -45,6 +47,7 @@ from crowdfence.truth.over_time import (
 )
 from crowdfence.truth.world import stand_beside
 from crowdfence.zones.closed_ground import ClosedGround
+from crowdfence.zones.sorted_keys import united
 
 TruthKind = Literal["projected", "world"]
 OnInstant = Callable[[Instant, InstantViews], None]
@@ -71,6 +74,8 @@ class Score:
     """What else a report shows, where it was asked for."""
     layer: LayerMeasures | None = None
     """What else is counted of a layer other than crowds, once a second."""
+    unheeded: tuple[str, ...] = ()
+    """Crowd that was shown and that nothing was closed for, in one sentence at most."""
 
     @property
     def quality(self) -> ProbabilityQuality | None:
@@ -85,7 +90,7 @@ class Score:
 
 
 class Scores(NamedTuple):
-    """What a replay found: `rows, refused, crowd_mass, swept = score(...)`."""
+    """What a replay found: `rows, refused, crowd_mass, swept, doubts = score(...)`."""
 
     rows: list[Score]
     """One per configuration, in their order."""
@@ -95,6 +100,8 @@ class Scores(NamedTuple):
     """Where the crowd in the pictures of each drone went, under the first configuration."""
     swept: list[Score]
     """One per configuration of `swept`; of these the IoU alone was counted."""
+    doubts: tuple[str, ...]
+    """What is doubtful about the views (`FlightDoubts`), one sentence each."""
 
 
 class CellCounter:
@@ -189,6 +196,7 @@ def score(
     watch = CrowdWatch(recording, terrain, tested) if of_crowds and knows_people else None
     highest = np.zeros(terrain.voxel_count, np.float32)
     watched_ns = -np.inf
+    of_flight = FlightDoubts()
     refused = list(recording.refused)
     instants = recording.instants(first.grouping.tolerance_ms)
     with ThreadPoolExecutor(1, thread_name_prefix="truth") as executor:
@@ -200,8 +208,10 @@ def score(
                 one.loop.integrate_observed(update.observations, instant.stamp_ns)
             for seen in update.observations:
                 highest[seen.voxel_ids] = np.maximum(highest[seen.voxel_ids], seen.mean)
+            shown_ids = np.empty(0, np.int64)
             for one in judged if of_crowds else ():
-                one.hold(instant.stamp_ns)
+                shown_ids = united(shown_ids, one.hold(instant.stamp_ns, update.observations))
+            of_flight.look(found.views, update.observations, shown_ids)
             crowd = ahead.next()
             if watch is not None:
                 watch.saw(update.observations)
@@ -225,7 +235,8 @@ def score(
                 on_instant(instant, found)
     rows = [one.score(safety=watch is not None) for one in judged]
     others = [one.score(safety=False) for one in beside]
-    return Scores(rows, tuple(refused), judged[0].loop.crowd_mass, others)
+    doubts = of_flight.warnings(recording.drones, first.projection.max_range_m)
+    return Scores(rows, tuple(refused), judged[0].loop.crowd_mass, others, tuple(doubts))
 
 
 def _knows_people(recording: Recording, tolerance_ms: float, *, needed: bool) -> bool:
@@ -309,6 +320,9 @@ class _Judged:
         self._layer: LayerMeasures | None = None
         rules = config.zones.rules(loop.threshold)
         self._closed = ClosedGround(loop.crowd_map, rules.threshold, rules.off_threshold, rules.opening_looks)
+        self._unheeded = UnheededInFlight(
+            loop.crowd_map.terrain, loop.crowd_map.method.b_threshold, loop.threshold
+        )
         self._sweeps_mean = isinstance(config.method, OrConfig)
         self._knob = config.method.b_threshold if self._sweeps_mean else loop.threshold
         knobs = MEANS if self._sweeps_mean else THRESHOLDS
@@ -320,9 +334,15 @@ class _Judged:
         ids, probability = self.loop.crowd_map.seen_probability(stamp_ns)
         self._sweep.update(highest[ids] if self._sweeps_mean else probability, crowd[ids])
 
-    def hold(self, stamp_ns: int) -> None:
-        """Close and open ground, after every instant that may be watched."""
+    def hold(self, stamp_ns: int, observations: Sequence[Observation]) -> NDArray[np.int64]:
+        """Close and open ground, after every instant that may be watched, by what was taken in; the voxels
+        that some look clearly shows as crowd by itself, sorted."""
         self._closed.step(stamp_ns)
+        crowd_map = self.loop.crowd_map
+        crowd_ids = crowd_map.crowd_ids(stamp_ns, threshold=self.loop.threshold)
+        is_near = near_columns(self._closed, crowd_map.terrain.voxel_size_m)
+        self._unheeded.look(stamp_ns, observations, crowd_ids, is_near)
+        return self._closed.shown_ids
 
     def watch(
         self,
@@ -351,4 +371,7 @@ class _Judged:
         result = self._sweep.result()
         counted = self.safety if safety else None
         at_knob = result.at(self._knob)
-        return Score(self.config, self.loop.threshold, at_knob, result, counted, self.measures, self._layer)
+        unheeded = () if self._layer is not None else self._unheeded.warnings(self.loop.crowd_mass)
+        return Score(
+            self.config, self.loop.threshold, at_knob, result, counted, self.measures, self._layer, unheeded
+        )

@@ -27,6 +27,8 @@ from crowdfence.zones.tracker import column_keys, column_places
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Validity
+    from crowdfence.pipeline.unheeded_crowd import NearClosed
+    from crowdfence.zones.closed_ground import ClosedGround
 
 BUFFERS_M = (0.0, 2.0, 5.0, 10.0)
 EVERY_S = 1.0
@@ -160,6 +162,11 @@ def distance_m(places: Cells, zone: Cells, size_m: float) -> NDArray[np.float64]
     _, nearest = cKDTree(zone).query(places, k=np.arange(1, count + 1))
     apart = np.maximum(np.abs(zone[nearest] - places[:, None]) - 0.5, 0.0)
     return np.asarray(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) * size_m)
+
+
+def near_columns(closed: ClosedGround, size_m: float) -> NearClosed:
+    """For `UnheededCrowd`, of ground that is held closed now."""
+    return lambda columns, within_m: distance_m(columns, closed.columns, size_m) <= within_m
 
 
 _NEAREST = 9

@@ -5,6 +5,7 @@
 - `choose_detector`  which detector looks
 - `detect`           frames -> heatmaps -> views
 - `frame_loop`       the views of one instant -> what happened, zones included
+- `flight_doubts`    what all views of a flight tell of one another
 - `denied_crowd`     drones that see nobody where others clearly show a crowd
 - `lost_crowd`       crowd that met no ground, or became none anywhere: shares and warnings
 - `unheeded_crowd`   crowd that every look at a place shows, and that never becomes any there

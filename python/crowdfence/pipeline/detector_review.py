@@ -26,28 +26,32 @@ class DetectorReview:
 
 
 def review_detector(
-    heatmaps: HeatmapSource, recording: Recording, terrain: Terrain, config: RunConfig
+    heatmaps: HeatmapSource, recording: Recording, terrain: Terrain, *configs: RunConfig
 ) -> DetectorReview | None:
-    """The contract of the model against the flight and `config`, before what it leaves open is filled in.
-    None where no model makes the heatmaps."""
+    """The contract of the model against the flight and the configurations, before what they leave open is
+    filled in; they project views alike. None where no model makes the heatmaps."""
     if heatmaps.contract is None:
         return None
     from crowdfence.detector.validity import check_ranges, sample_flight, statement_warnings
 
-    flight = sample_flight(recording.frames, terrain, max_range_m=config.projection.max_range_m)
+    flight = sample_flight(recording.frames, terrain, max_range_m=configs[0].projection.max_range_m)
     ranges = check_ranges(heatmaps.contract, flight)
-    warnings = statement_warnings(
-        heatmaps.contract,
-        voxel_size_m=terrain.voxel_size_m,
-        b_threshold=config.method.b_threshold,
-        coverage=config.projection.coverage,
-        surface=config.projection.surface,
-        rates_given=config.method.rates_given,
-        weighed_as=_weighed_as(config, recording.layer),
-    )
+    warnings = [
+        warning
+        for config in configs
+        for warning in statement_warnings(
+            heatmaps.contract,
+            voxel_size_m=terrain.voxel_size_m,
+            b_threshold=config.method.b_threshold,
+            coverage=config.projection.coverage,
+            surface=config.projection.surface,
+            rates_given=config.method.rates_given,
+            weighed_as=_weighed_as(config, recording.layer),
+        )
+    ]
     for check in ranges:
         warnings += check.warnings(heatmaps.contract.name)
-    return DetectorReview(ranges, warnings)
+    return DetectorReview(ranges, list(dict.fromkeys(warnings)))
 
 
 def _weighed_as(config: RunConfig, layer: str) -> str | None:

@@ -16,17 +16,15 @@ from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.maps import MapHoles
 from crowdfence.maps.voxel_size import coarse_voxels_warning
-from crowdfence.pipeline.blind_drones import BlindDrones
 from crowdfence.pipeline.clocks import check_clocks
-from crowdfence.pipeline.denied_crowd import DeniedCrowd
 from crowdfence.pipeline.detect import HeatmapFunction, HeatmapSource, heatmap_source
 from crowdfence.pipeline.detector_review import DetectorReview, review_detector
+from crowdfence.pipeline.flight_doubts import FlightDoubts
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
-from crowdfence.pipeline.heatmap_units import HeatmapUnits
-from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares, unheeded_crowd_warning
+from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warnings, shares
 from crowdfence.pipeline.terrain import check_overlap, require_recording
 from crowdfence.pipeline.under_ground import under_ground_line
-from crowdfence.pipeline.unheeded_crowd import Unheeded, UnheededCrowd
+from crowdfence.pipeline.unheeded_crowd import UnheededInFlight, near_zones
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.layers import CROWD
 from crowdfence.sources.no_frame import no_frame_line
@@ -40,8 +38,6 @@ if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
 
 OnStep = Callable[[Instant, Step], None]
-_UNHEEDED_EVERY_NS = 1_000_000_000
-"""It is looked for so often: what is told lasts for seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,16 +166,16 @@ def run(
     last: Step | None = None
     looked = 0
     instants = recording.instants(config.grouping.tolerance_ms)
-    units, blind, denied = HeatmapUnits(), BlindDrones(), DeniedCrowd()
-    unheeded = _UnheededInRun(loop, config.zones.min_area_m2)
+    of_flight = FlightDoubts()
+    unheeded = UnheededInFlight(
+        terrain, crowd_map.method.b_threshold, loop.threshold, least_m2=config.zones.min_area_m2
+    )
     for instant, found in heatmaps.detected(instants, len(recording.drones)):
-        for view in found.views:
-            units.look(view)
         last = loop.step(found.views, instant.stamp_ns, found.refused)
-        blind.look(found.views, last.update.observations)
-        denied.look(last.update.observations, last.shown_ids, last.crowd_ids)
+        seen = last.update.observations
+        of_flight.look(found.views, seen, last.shown_ids)
         if recording.layer == CROWD:
-            unheeded.look(last)
+            unheeded.look(last.stamp_ns, seen, last.crowd_ids, near_zones(last.zones.closed, terrain))
         looked += len(last.drones)
         rows.append(frame_row(last, terrain))
         zone_sets.append(last.zones)
@@ -190,7 +186,7 @@ def run(
     if last is None or looked == 0:
         raise ValueError(no_frame_line(recording, refused))
     if last.seen_count == 0:
-        why = under or blind.upward_line() or "do map and poses share one frame?"
+        why = under or of_flight.blind.upward_line() or "do map and poses share one frame?"
         raise ValueError(f"no view saw the terrain within max_range_m = {max_range_m:g} m: {why}")
     stamps_ns = [row.stamp_ns for row in rows]
     georeference = recording.georeference or terrain.georeference
@@ -215,45 +211,11 @@ def run(
             *map_doubts,
             *doubts,
             *filter(None, (coarse, under)),
-            *units.warnings,
-            *blind.warnings(recording.drones, max_range_m),
-            *denied.warnings,
+            *of_flight.warnings(recording.drones, max_range_m),
         ),
-        unheeded=unheeded.warnings(rows) if recording.layer == CROWD else (),
+        unheeded=unheeded.warnings(loop.crowd_mass) if recording.layer == CROWD else (),
         voxel_size_why=voxel_size_why,
     )
-
-
-class _UnheededInRun:
-    """The most ground at any time that every look showed as crowd, and that no zone held."""
-
-    def __init__(self, loop: FrameLoop, least_m2: float) -> None:
-        """`least_m2`: smaller regions become no zones."""
-        self._loop, self._least_m2 = loop, least_m2
-        self._followed = UnheededCrowd(loop.crowd_map.terrain, loop.crowd_map.method.b_threshold)
-        self._most: tuple[int, Unheeded] | None = None
-        """When, and what."""
-        self._next_ns = 0
-
-    def look(self, step: Step) -> None:
-        self._followed.add(step.update.observations, step.crowd_ids)
-        if step.stamp_ns < self._next_ns:
-            return
-        self._next_ns = step.stamp_ns + _UNHEEDED_EVERY_NS
-        found = self._followed.beside(step.zones.closed, self._loop.threshold, self._least_m2)
-        if found is not None and (self._most is None or found.area_m2 > self._most[1].area_m2):
-            self._most = step.stamp_ns, found
-
-    def warnings(self, rows: Sequence[FrameRow]) -> tuple[str, ...]:
-        """At most one sentence; `rows` are those of the whole run."""
-        if self._most is not None:
-            stamp_ns, found = self._most
-            return (f"{(stamp_ns - rows[0].stamp_ns) / 1e9:.1f} s after the first instant {found.text}",)
-        if any(row.crowd_voxels for row in rows):
-            return ()
-        # Too few looks for what is told of a place.
-        never = unheeded_crowd_warning(self._loop.crowd_mass, self._loop.threshold)
-        return () if never is None else (never,)
 
 
 def _described(recording: Recording, config: RunConfig, loop: FrameLoop) -> dict[str, Any]:

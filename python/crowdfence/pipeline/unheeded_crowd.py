@@ -3,14 +3,15 @@ not last is none of it; every crowd is, where a threshold or setting is out of r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence._core import Observation, Terrain
+from crowdfence._core import CrowdMass, Observation, Terrain
+from crowdfence.pipeline.lost_crowd import unheeded_crowd_warning
 from crowdfence.zones import Zone
 from crowdfence.zones.sorted_keys import are_among
 from crowdfence.zones.square_metres import square_metres
@@ -20,6 +21,10 @@ LEAST_LOOKS = 5
 """In a row. No method with its defaults needs more to call crowd what a detector is sure of."""
 LEAST_S = 3.0
 """From the first of them to the last."""
+_EVERY_NS = 1_000_000_000
+"""Over a flight it is looked for so often: what is told lasts for seconds."""
+NearClosed = Callable[[NDArray[np.int64], float], NDArray[np.bool_]]
+"""Which of columns (i, j) [C, 2] have their middle within so many metres of closed ground."""
 _RIM_M = 2.0
 """Around closed ground, or two voxels: the rim of a crowd is shown fainter than its middle."""
 _ROW = np.dtype(
@@ -88,18 +93,25 @@ class UnheededCrowd:
         """What is told of it, and how much it is, apart from ground that is closed for whatever reason; None
         for nothing, and for less than becomes a zone. `threshold` is that from which the map calls ground
         crowd."""
+        return self.beside_ground(near_zones(closed, self._terrain), threshold, least_m2)
+
+    def beside_ground(self, is_near: NearClosed, threshold: float, least_m2: float) -> Unheeded | None:
+        """The same where closed ground is no zones."""
         with self._lock:
             rows, drones = self._rows, tuple(self._drones)
         lasts = rows["last_ns"] - rows["first_ns"] >= LEAST_S * 1e9
         rows = rows[lasts & (rows["looks"] >= LEAST_LOOKS)]
         keys = column_keys(self._terrain.voxel_indices(rows["voxel"])[:, :2])
         columns, first = np.unique(keys, return_index=True)
-        is_open = ~self._are_in(columns, closed)
+        if not len(columns):
+            return None
+        rim_m = max(_RIM_M, 2.0 * self._terrain.voxel_size_m)
+        is_open = ~is_near(column_places(columns), rim_m)
         area_m2 = float(np.count_nonzero(is_open)) * self._terrain.voxel_size_m**2
-        if not is_open.any() or area_m2 < least_m2:
+        if area_m2 == 0.0 or area_m2 < least_m2:
             return None
         names = sorted({drones[number] for number in rows["drone"][first][is_open]})
-        east_m, north_m = np.median(self._middles(columns[is_open]), axis=0)
+        east_m, north_m = np.median(_middles(column_places(columns[is_open]), self._terrain), axis=0)
         text = (
             f"every look of {', '.join(names)} shows crowd on {square_metres(area_m2)} of the map, around "
             f"{east_m:.0f} m east and {north_m:.0f} m north, and none of it reaches P >= {threshold:.3g}: "
@@ -107,17 +119,70 @@ class UnheededCrowd:
         )
         return Unheeded(area_m2, text)
 
-    def _middles(self, columns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Of columns [C], local metres [C, 2]."""
-        middles = (column_places(columns) + 0.5) * self._terrain.voxel_size_m
-        return np.asarray(middles + self._terrain.origin[:2])
 
-    def _are_in(self, columns: NDArray[np.int64], closed: Sequence[Zone]) -> NDArray[np.bool_]:
+class UnheededInFlight:
+    """The most ground at any time of a flight that every look showed as crowd, and that nothing closed."""
+
+    def __init__(
+        self, terrain: Terrain, shows_crowd: float, threshold: float, *, least_m2: float = 0.0
+    ) -> None:
+        """`shows_crowd` as for `UnheededCrowd`; from `threshold` on the map calls ground crowd; regions below
+        `least_m2` are not closed."""
+        self._followed = UnheededCrowd(terrain, shows_crowd)
+        self._threshold, self._least_m2 = threshold, least_m2
+        self._most: tuple[int, Unheeded] | None = None
+        """When, and what."""
+        self._first_ns: int | None = None
+        self._next_ns = 0
+        self._was_crowd = False
+
+    def look(
+        self,
+        stamp_ns: int,
+        observations: Sequence[Observation],
+        crowd_ids: NDArray[np.int64],
+        is_near: NearClosed,
+    ) -> None:
+        """One instant: what was taken in, all voxels that are crowd after it, and what is closed."""
+        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
+        self._was_crowd |= len(crowd_ids) > 0
+        self._followed.add(observations, crowd_ids)
+        if stamp_ns < self._next_ns:
+            return
+        self._next_ns = stamp_ns + _EVERY_NS
+        found = self._followed.beside_ground(is_near, self._threshold, self._least_m2)
+        if found is not None and (self._most is None or found.area_m2 > self._most[1].area_m2):
+            self._most = stamp_ns, found
+
+    def warnings(self, crowd_mass: Mapping[str, CrowdMass]) -> tuple[str, ...]:
+        """At most one sentence; `crowd_mass` is that of each drone over the flight."""
+        if self._first_ns is None:
+            return ()
+        if self._most is not None:
+            stamp_ns, found = self._most
+            return (f"{(stamp_ns - self._first_ns) / 1e9:.1f} s after the first instant {found.text}",)
+        if self._was_crowd:
+            return ()
+        # Too few looks for what is told of a place.
+        never = unheeded_crowd_warning(crowd_mass, self._threshold)
+        return () if never is None else (never,)
+
+
+def near_zones(closed: Sequence[Zone], terrain: Terrain) -> NearClosed:
+    """Of zones, whatever they were closed for."""
+
+    def is_near(columns: NDArray[np.int64], within_m: float) -> NDArray[np.bool_]:
         import shapely
 
         if not len(columns) or not closed:
             return np.zeros(len(columns), dtype=np.bool_)
-        rim_m = max(_RIM_M, 2.0 * self._terrain.voxel_size_m)
-        ground = shapely.buffer(shapely.union_all([zone.polygon for zone in closed]), rim_m)
+        ground = shapely.buffer(shapely.union_all([zone.polygon for zone in closed]), within_m)
         shapely.prepare(ground)
-        return np.asarray(shapely.contains_xy(ground, *self._middles(columns).T))
+        return np.asarray(shapely.contains_xy(ground, *_middles(columns, terrain).T))
+
+    return is_near
+
+
+def _middles(columns: NDArray[np.int64], terrain: Terrain) -> NDArray[np.float64]:
+    """Of columns (i, j) [C, 2], local metres [C, 2]."""
+    return np.asarray((columns + 0.5) * terrain.voxel_size_m + np.asarray(terrain.origin)[:2])

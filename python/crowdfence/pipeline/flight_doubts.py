@@ -1,0 +1,37 @@
+"""What is doubtful about the views of a flight, which only all of them tell: one list for all who fuse it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Observation, View
+from crowdfence.pipeline.blind_drones import BlindDrones
+from crowdfence.pipeline.denied_crowd import DeniedCrowd
+from crowdfence.pipeline.heatmap_units import HeatmapUnits
+
+
+class FlightDoubts:
+    """Looks at views as they pass, and at what came of them."""
+
+    def __init__(self) -> None:
+        self._units, self._denied = HeatmapUnits(), DeniedCrowd()
+        self.blind = BlindDrones()
+
+    def look(
+        self, views: Sequence[View], observations: Sequence[Observation], shown_ids: NDArray[np.int64]
+    ) -> None:
+        """The views of one instant, what they say of the terrain, and the voxels that some look clearly
+        shows as crowd after it."""
+        for view in views:
+            self._units.look(view)
+        self.blind.look(views, observations)
+        # What is settled, for which the crowd on the map counts, is asked of a fleet that flies.
+        self._denied.look(observations, shown_ids, shown_ids)
+
+    def warnings(self, drones: Sequence[str], max_range_m: float) -> list[str]:
+        """Units of heatmaps, `drones` that saw nothing of the map, and those that saw nobody where others
+        did, one sentence each."""
+        return [*self._units.warnings, *self.blind.warnings(drones, max_range_m), *self._denied.warnings]
