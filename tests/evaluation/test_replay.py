@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig, ZoneConfig
 from crowdfence.evaluation.iou import IouAccumulator
 from crowdfence.evaluation.replay import Scores, TruthKind, beside_map_warning, score, unrecorded_warning
+from crowdfence.evaluation.untold_truth import UntoldTruth
 from crowdfence.pipeline import heatmap_source, open_terrain, run
 from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.sources import Recording, open_recording
@@ -154,3 +156,64 @@ def test_crowd_that_a_method_closes_nothing_for_is_told_of_that_method(scores: S
     (told,) = strict.unheeded
     assert "s after the first instant every look of" in told and "nothing is closed for it" in told
     assert run(recording, open_terrain(recording), RunConfig(methods[1])).unheeded == strict.unheeded
+
+
+def _damaged(what: str, every: int) -> Recording:
+    """The bundled recording, of which every so many frames cannot tell their truth, from the last on."""
+    whole = open_recording(DEMO)
+
+    def nothing(*_: object) -> NoReturn:
+        raise ValueError("it is cut off")
+
+    if what == "people":
+        damaged_ns = set(list(whole.people.stamps_ns)[::every])
+
+        def read(stamp_ns: int) -> RecordedPeople:
+            people = nothing() if stamp_ns in damaged_ns else whole.people_truth(stamp_ns)
+            assert people is not None
+            return people
+
+        return replace(whole, people=replace(whole.people, read=read))
+    frames = list(whole.frames)
+    for number in range(len(frames) - 1, -1, -every):
+        one = frames[number]
+        if what == "labels":
+            frames[number] = replace(one, pixels=replace(one.pixels, regions=nothing))
+        else:
+            frames[number] = replace(one, truth=replace(one.truth, exposure_ns=None))
+    return replace(whole, frames=tuple(frames))
+
+
+@pytest.mark.parametrize("truth", ["world", "projected"])
+@pytest.mark.parametrize(
+    ("what", "why"),
+    [
+        ("time", "has no true time"),
+        ("labels", "crowd regions cannot be read: it is cut off"),
+        ("people", "people of the world cannot be read: it is cut off"),
+    ],
+)
+def test_a_frame_whose_truth_cannot_be_told_is_left_out_and_told(
+    scores: Scores, truth: TruthKind, what: str, why: str
+) -> None:
+    """One of them ended the whole evaluation."""
+    config, untold = RunConfig(EvidenceConfig()), UntoldTruth()
+    recording = _damaged(what, 40)
+    found = score(recording, open_terrain(recording), [config], truth=truth, untold=untold)
+    (row,) = found.rows
+    assert row.safety is not None and scores.rows[0].safety is not None
+    assert row.safety.people == scores.rows[0].safety.people or what == "people"
+    lost = len(scores.rows[0].iou.per_frame) - len(row.iou.per_frame)
+    assert lost == (2 if what == "people" and truth == "world" else 0)
+    if what == "labels" and truth == "world":  # they are asked for by nobody here
+        assert untold.warnings == []
+        return
+    (told,) = untold.warnings
+    assert " frames (uav" in told and ", the first: frame of uav" in told and why in told
+
+
+@pytest.mark.parametrize(("what", "truth"), [("time", "world"), ("people", "world"), ("labels", "projected")])
+def test_where_no_frame_tells_its_truth_there_is_nothing_to_judge(what: str, truth: TruthKind) -> None:
+    recording = _damaged(what, 1)
+    with pytest.raises(ValueError, match=r"the truth of race can be told of no frame: frame of uav"):
+        score(recording, open_terrain(recording), [RunConfig(EvidenceConfig())], truth=truth)

@@ -127,6 +127,7 @@ def evaluate(
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
     from crowdfence.evaluation.safety import states_range
+    from crowdfence.evaluation.untold_truth import UntoldTruth
     from crowdfence.maps.voxel_size import coarse_voxels_warning
     from crowdfence.pipeline import heatmap_source, lost_crowd_warnings, read_map, review_detector
     from crowdfence.pipeline.under_ground import under_ground_line
@@ -147,13 +148,15 @@ def evaluate(
     ground = reading.terrain
     source = on_ground(source, ground)  # before anything is looked at: a detector looks at its scale
     heatmaps = heatmap_source(chosen, ground, told["max_range_m"])
-    cells = CellCounter(paper.b_threshold)
+    untold = UntoldTruth()
+    cells = CellCounter(paper.b_threshold, untold)
     if measured_rates:
         with console.progress("measuring the detector", len(source.frames), "frames") as advance:
             cells.counts = count_rates(
                 source,
                 heatmap_source(chosen, ground, told["max_range_m"]),  # every picture is looked at twice
                 b_threshold=paper.b_threshold,
+                untold=untold,
                 on_instant=lambda instant, _: advance(len(instant.frames)),
             )
         rates = cells.counts.rates()
@@ -188,6 +191,7 @@ def evaluate(
             heatmaps,
             truth=truth.value,
             on_instant=count,
+            untold=untold,
             with_measures=report is not None,
             swept=[options.run_config(context.params, turn.method) for _, turn in turned_ones],
         )
@@ -202,6 +206,7 @@ def evaluate(
     warnings = [
         *source.warnings,
         *(one for one in (unlabelled, unrecorded, beside) if one is not None),
+        *untold.warnings,
         *reading.doubts,
         *filter(None, (coarse_voxels_warning(ground.voxel_size_m), under_ground_line(ground, source.frames))),
         *doubts,

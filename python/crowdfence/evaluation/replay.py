@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from crowdfence.evaluation.measures import Measures, SeenVoxels
 from crowdfence.evaluation.probability_quality import ProbabilityQuality
 from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch, Safety, near_columns
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
+from crowdfence.evaluation.untold_truth import UntoldTruth
 from crowdfence.pipeline.clocks import check_clocks
 from crowdfence.pipeline.detect import RECORDED, HeatmapSource
 from crowdfence.pipeline.flight_doubts import FlightDoubts
@@ -35,6 +37,7 @@ from crowdfence.truth.at_exposure import (
     crowd_definition,
     instants_with_people,
     people_at,
+    timed_frame,
 )
 from crowdfence.truth.crowd_ground import crowds_of
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
@@ -107,18 +110,27 @@ class Scores(NamedTuple):
 class CellCounter:
     """Heatmap cells of labelled frames; those above `b_threshold` are called crowd, as equation 1 has it."""
 
-    def __init__(self, b_threshold: float = 0.5) -> None:
+    def __init__(self, b_threshold: float = 0.5, untold: UntoldTruth | None = None) -> None:
+        """`untold` is told of labels that cannot be read."""
         self.b_threshold = b_threshold
+        self._untold = UntoldTruth() if untold is None else untold
         self.counts = Confusion(0, 0, 0, 0)
 
     def add(self, instant: Instant, found: InstantViews) -> None:
         """The views of an instant; those of frames without a label do not count, nor do those of a part of
         their picture."""
         labelled = {frame.drone: frame for frame in instant.frames if has_crowd_mask(frame)}
-        judged = [view for view in found.views if view.drone in labelled and view.looked_at is None]
-        if judged:
-            masks = (crowd_mask(labelled[view.drone]) for view in judged)
-            self.counts += confusion((view.heatmap for view in judged), masks, self.b_threshold)
+        heatmaps, masks = [], []
+        for view in found.views:
+            if view.drone in labelled and view.looked_at is None:
+                try:
+                    masks.append(crowd_mask(labelled[view.drone]))
+                except FrameError as error:
+                    self._untold.label(error)
+                    continue
+                heatmaps.append(view.heatmap)
+        if heatmaps:
+            self.counts += confusion(heatmaps, masks, self.b_threshold)
 
     def counted(self) -> Confusion:
         """The counts; ValueError when there was no labelled frame with a usable heatmap."""
@@ -133,11 +145,12 @@ def measured_rates(
     *,
     b_threshold: float = 0.5,
     on_instant: OnInstant | None = None,
+    untold: UntoldTruth | None = None,
 ) -> Confusion:
     """Heatmap cells of all labelled frames, called crowd above `b_threshold`: rates hold for a method of the
-    same. ValueError when there are none."""
+    same. `untold` is told of labels that cannot be read. ValueError when there are none."""
     require_crowd_masks(recording)
-    cells = CellCounter(b_threshold)
+    cells = CellCounter(b_threshold, untold)
     for instant, found in heatmaps.detected(recording.instants(), len(recording.drones)):
         cells.add(instant, found)
         if on_instant is not None:
@@ -155,6 +168,7 @@ def score(
     on_instant: OnInstant | None = None,
     with_measures: bool = False,
     swept: Sequence[RunConfig] = (),
+    untold: UntoldTruth | None = None,
 ) -> Scores:
     """Replay the recording once, feeding every configuration the same views, and score each.
 
@@ -163,7 +177,8 @@ def score(
     the detector's contract; of their zones, thresholds and looks count. ValueError when they do not, for a
     least area of zones, or when the recording does not hold that truth.
     `with_measures`: all that a report shows, which takes about as long again. Of `swept`, further
-    configurations, the IoU alone is counted.
+    configurations, the IoU alone is counted. `untold` is told of frames whose truth cannot be told, which are
+    left out; ValueError where that is so of all.
     """
     contract, layer = heatmaps.contract, recording.layer
     configs = [config.with_layer(layer, contract).with_detector(contract) for config in configs]
@@ -178,7 +193,8 @@ def score(
                 "regions of any size, and whom that leaves out would count as closed; leave it at 0"
             )
     recording = on_ground(recording, terrain)
-    crowds = _truth(truth, recording, terrain, first)
+    untold = UntoldTruth() if untold is None else untold
+    crowds = _truth(truth, recording, terrain, first, untold)
     check_clocks(recording)
     check_overlap(recording, terrain, first.projection.max_range_m)
     drones = len(recording.drones)
@@ -192,11 +208,12 @@ def score(
     judged = [_Judged(config, loop(config), Measures() if measured else None) for config in configs]
     beside = [_Judged(config, loop(config), None) for config in swept]
     tested = None if contract is None else contract.validity
-    knows_people = _knows_people(recording, first.grouping.tolerance_ms, needed=truth == "world" or measured)
+    needed = truth == "world" or measured
+    knows_people = _knows_people(recording, first.grouping.tolerance_ms, untold, needed=needed)
     watch = CrowdWatch(recording, terrain, tested) if of_crowds and knows_people else None
     highest = np.zeros(terrain.voxel_count, np.float32)
     watched_ns = -np.inf
-    of_flight = FlightDoubts()
+    compared, of_flight = 0, FlightDoubts()
     refused = list(recording.refused)
     instants = recording.instants(first.grouping.tolerance_ms)
     with ThreadPoolExecutor(1, thread_name_prefix="truth") as executor:
@@ -212,39 +229,60 @@ def score(
             for one in judged if of_crowds else ():
                 shown_ids = united(shown_ids, one.hold(instant.stamp_ns, update.observations))
             of_flight.look(found.views, update.observations, shown_ids)
-            crowd = ahead.next()
+            crowd = untold.tried(ahead.next)
             if watch is not None:
                 watch.saw(update.observations)
             if crowd is not None:
+                compared += 1
                 for one in [*judged, *beside]:
                     one.compare(crowd, highest, instant.stamp_ns)
                 if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
-                    known = knows_people and are_people_recorded(instant.frames[-1], recording)
+                    frame = timed_frame(instant) if knows_people else None
+                    known = frame is not None and are_people_recorded(frame, recording)
                     if watch is not None and known:
-                        watched_ns = instant.stamp_ns
-                        in_view = watch.at(instant)
-                        for one in judged:
-                            one.watch(in_view, crowd, highest, instant.stamp_ns)
+                        in_view = untold.tried(partial(watch.at, instant))
+                        if in_view is not None:
+                            watched_ns = instant.stamp_ns
+                            for one in judged:
+                                one.watch(in_view, crowd, highest, instant.stamp_ns)
                     elif not of_crowds:
                         watched_ns = instant.stamp_ns
-                        people = people_at(instant.frames[-1], recording).position if known else None
+                        people = (
+                            untold.tried(partial(people_at, frame, recording))
+                            if frame is not None and known
+                            else None
+                        )
+                        feet = None if people is None else people.position
                         for one in judged:
-                            one.look_at_layer(crowd, people, instant.stamp_ns)
+                            one.look_at_layer(crowd, feet, instant.stamp_ns)
             refused += found.refused
             if on_instant is not None:
                 on_instant(instant, found)
+    labelled = sum(has_crowd_mask(frame) for frame in recording.frames)
+    told_of_none = untold.labels == labelled if truth == "projected" else not compared and bool(untold.first)
+    if told_of_none:
+        raise ValueError(_told_of_none(recording, untold))
     rows = [one.score(safety=watch is not None) for one in judged]
     others = [one.score(safety=False) for one in beside]
     doubts = of_flight.warnings(recording.drones, first.projection.max_range_m)
     return Scores(rows, tuple(refused), judged[0].loop.crowd_mass, others, tuple(doubts))
 
 
-def _knows_people(recording: Recording, tolerance_ms: float, *, needed: bool) -> bool:
+def _knows_people(recording: Recording, tolerance_ms: float, untold: UntoldTruth, *, needed: bool) -> bool:
     """Whether it is recorded at any instant where people are; ValueError where that is `needed` and they are
-    recorded, but at other times."""
+    recorded, but at other times, or no frame says when it was exposed. `untold` is told of those."""
     if not len(recording.people.stamps_ns):
         return False
+    timed = 0
+    for frame in recording.frames:
+        try:
+            frame.exposure_ns()
+            timed += 1
+        except FrameError as error:
+            untold.world(error)
     known = any(instants_with_people(recording, tolerance_ms))
+    if needed and not timed and recording.frames:
+        raise ValueError(_told_of_none(recording, untold))
     if needed and not known and recording.frames:
         raise ValueError(
             f"{recording.name} records where people are at no time within {MAX_PEOPLE_GAP_S} s of an "
@@ -253,11 +291,15 @@ def _knows_people(recording: Recording, tolerance_ms: float, *, needed: bool) ->
     return known
 
 
+def _told_of_none(recording: Recording, untold: UntoldTruth) -> str:
+    return f"the truth of {recording.name} can be told of no frame: {untold.first}"
+
+
 def unrecorded_warning(recording: Recording, tolerance_ms: float, truth: TruthKind) -> str | None:
     """One sentence where people are recorded, but not at every instant."""
     if not len(recording.people.stamps_ns):
         return None
-    known = list(instants_with_people(recording, tolerance_ms))
+    known = [one for one in instants_with_people(recording, tolerance_ms) if one is not None]
     if all(known):
         return None
     left_out = "the IoU and of who stands in a zone" if truth == "world" else "who stands in a zone"
@@ -273,9 +315,10 @@ def beside_map_warning(recording: Recording, terrain: Terrain, tolerance_ms: flo
     instants = crowded = most = people = beside = 0
     for instant in recording.instants(tolerance_ms):
         try:
-            if not are_people_recorded(instant.frames[-1], recording):
+            frame = timed_frame(instant)
+            if frame is None or not are_people_recorded(frame, recording):
                 continue
-            feet = people_at(instant.frames[-1], recording).position
+            feet = people_at(frame, recording).position
         except FrameError:
             continue
         feet = feet[crowds_of(feet, **crowd_definition(recording.manifest)) >= 0]
@@ -295,7 +338,9 @@ def beside_map_warning(recording: Recording, terrain: Terrain, tolerance_ms: flo
     )
 
 
-def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunConfig) -> TruthOverTime:
+def _truth(
+    kind: TruthKind, recording: Recording, terrain: Terrain, config: RunConfig, untold: UntoldTruth
+) -> TruthOverTime:
     if kind == "world":
         of_world = CrowdsOfTheWorld if recording.layer == CROWD else LayerOfTheWorld
         return of_world(recording, terrain)
@@ -308,6 +353,7 @@ def _truth(kind: TruthKind, recording: Recording, terrain: Terrain, config: RunC
         target_height_m=projection.target_height_m,
         coverage=projection.coverage,
         surface=projection.surface,
+        on_damaged=untold.label,
     )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import CrowdMap, Observation, Terrain
 from crowdfence.sources.recording import Instant, Recording
-from crowdfence.truth.at_exposure import crowd_definition, crowd_ground_of, people_at
+from crowdfence.truth.at_exposure import crowd_definition, crowd_ground_of, people_at, timed_frame
 from crowdfence.truth.crowd_ground import crowds_of
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones.sorted_keys import are_among
@@ -72,8 +72,8 @@ class CrowdWatch:
             self._in_range[ids[_in_range(observation, self._tested)]] = True
 
     def at(self, instant: Instant) -> CrowdsInView:
-        """Who stands where at an instant. FrameError when nobody's position is recorded then."""
-        people = people_at(instant.frames[-1], self._recording)
+        """Who stands where at an instant. FrameError when nobody's position is recorded then, or damaged."""
+        people = people_at(timed_frame(instant) or instant.frames[-1], self._recording)
         crowd = crowds_of(people.position, **crowd_definition(self._recording.manifest)) >= 0
         stood_on = crowd_ground_of(people, self._recording, self._terrain, "beside")
         ground = np.flatnonzero(stood_on & self._seen)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
 from crowdfence.sources.recorded_truth import RecordedPeople
-from crowdfence.sources.recording import Frame, Recording
+from crowdfence.sources.recording import Frame, Instant, Recording
 from crowdfence.truth.world import OffTerrain, truth_from_positions
 
 if TYPE_CHECKING:
@@ -29,23 +29,38 @@ def crowd_definition(manifest: dict[str, Any]) -> dict[str, Any]:
     return {name: given.get(name, default) for name, default in DEFAULT_CROWD.items()}
 
 
+def timed_frame(instant: Instant) -> Frame | None:
+    """The last frame of an instant of which it is known when it was exposed; None where it is of none."""
+    for frame in reversed(instant.frames):
+        try:
+            frame.exposure_ns()
+        except FrameError:
+            continue
+        return frame
+    return None
+
+
 def are_people_recorded(frame: Frame, recording: Recording) -> bool:
     """Whether `people_at` knows anything when `frame` was exposed. FrameError when that time is damaged."""
     return recording.people.nearest_ns(frame.exposure_ns(), MAX_PEOPLE_GAP_S) is not None
 
 
-def instants_with_people(recording: Recording, tolerance_ms: float) -> Iterator[bool]:
-    """Of one instant after the other, whether anybody's position is recorded there."""
+def instants_with_people(recording: Recording, tolerance_ms: float) -> Iterator[bool | None]:
+    """Of one instant after the other, whether anybody's position is recorded there; None where no frame says
+    when that was."""
     for instant in recording.instants(tolerance_ms):
-        try:
-            yield are_people_recorded(instant.frames[-1], recording)
-        except FrameError:
-            yield False
+        frame = timed_frame(instant)
+        yield None if frame is None else are_people_recorded(frame, recording)
 
 
 def people_at(frame: Frame, recording: Recording) -> RecordedPeople:
-    """Everybody when `frame` was exposed. FrameError when nobody's position is recorded then."""
-    people = recording.people_truth(frame.exposure_ns(), max_gap_s=MAX_PEOPLE_GAP_S)
+    """Everybody when `frame` was exposed. FrameError when nobody's position is recorded then, or damaged."""
+    exposure_ns = frame.exposure_ns()
+    try:
+        people = recording.people_truth(exposure_ns, max_gap_s=MAX_PEOPLE_GAP_S)
+    except (OSError, ValueError) as error:
+        reason = f"people of the world cannot be read: {error}"
+        raise FrameError(frame.drone, frame.stamp_ns, reason) from error
     if people is None:
         raise FrameError(
             frame.drone,

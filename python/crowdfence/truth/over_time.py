@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from typing import Literal, Protocol
 
@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
-from crowdfence.sources.recording import Instant, Recording
-from crowdfence.truth.at_exposure import are_people_recorded, crowd_ground_at, people_at
+from crowdfence.errors import FrameError
+from crowdfence.sources.recording import Frame, Instant, Recording
+from crowdfence.truth.at_exposure import are_people_recorded, crowd_ground_at, people_at, timed_frame
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.truth.projected import ProjectedTruth, TruthMap, project_truth
 
@@ -21,8 +22,8 @@ class TruthOverTime(Protocol):
     """Called with the instants of a recording in their order."""
 
     def at(self, instant: Instant) -> NDArray[np.bool_] | None:
-        """Crowd voxels [V]; None where the truth is people's positions and nobody's is recorded then.
-        FrameError when the truth of the instant is damaged."""
+        """Crowd voxels [V]; None where the truth is people's positions and nobody's is recorded then, or no
+        frame says when that was. FrameError when the truth of the instant is damaged."""
 
 
 class TruthAhead:
@@ -64,13 +65,16 @@ class ProjectedLabels:
         target_height_m: float,
         coverage: Literal["rays", "full"] = "full",
         surface: Literal["planes", "voxels"] = "planes",
+        on_damaged: Callable[[FrameError], None] | None = None,
     ) -> None:
-        """Labels are projected as `project_truth` says. ValueError when no frame has one."""
+        """Labels are projected as `project_truth` says. A frame whose label is damaged counts as one without
+        where `on_damaged` is told of it. ValueError when no frame has a label."""
         require_crowd_masks(recording)
         self._terrain = terrain
         self._max_range_m, self._target_height_m = max_range_m, target_height_m
         self._coverage: Literal["rays", "full"] = coverage
         self._surface: Literal["planes", "voxels"] = surface
+        self._on_damaged = on_damaged
         self._map = TruthMap(terrain.voxel_count)
 
     def at(self, instant: Instant) -> NDArray[np.bool_]:
@@ -81,7 +85,7 @@ class ProjectedLabels:
         """The labels of this instant alone, one per frame that has one."""
         return [
             project_truth(
-                crowd_mask(frame),
+                mask,
                 frame.camera,
                 frame.world_from_camera,
                 self._terrain,
@@ -91,8 +95,17 @@ class ProjectedLabels:
                 surface=self._surface,
             )
             for frame in instant.frames
-            if has_crowd_mask(frame)
+            if has_crowd_mask(frame) and (mask := self._mask(frame)) is not None
         ]
+
+    def _mask(self, frame: Frame) -> NDArray[np.bool_] | None:
+        try:
+            return crowd_mask(frame)
+        except FrameError as error:
+            if self._on_damaged is None:
+                raise
+            self._on_damaged(error)
+            return None
 
 
 class CrowdsOfTheWorld:
@@ -108,9 +121,10 @@ class CrowdsOfTheWorld:
         self._recording, self._terrain = recording, terrain
 
     def at(self, instant: Instant) -> NDArray[np.bool_] | None:
-        if not are_people_recorded(instant.frames[-1], self._recording):
+        frame = timed_frame(instant)
+        if frame is None or not are_people_recorded(frame, self._recording):
             return None
-        return crowd_ground_at(instant.frames[-1], self._recording, self._terrain, "beside")
+        return crowd_ground_at(frame, self._recording, self._terrain, "beside")
 
 
 class LayerOfTheWorld:
@@ -134,8 +148,9 @@ class LayerOfTheWorld:
     def at(self, instant: Instant) -> NDArray[np.bool_] | None:
         cells = self._ground.cells
         if len(self._recording.people.stamps_ns):
-            if not are_people_recorded(instant.frames[-1], self._recording):
+            frame = timed_frame(instant)
+            if frame is None or not are_people_recorded(frame, self._recording):
                 return None
-            people = people_at(instant.frames[-1], self._recording)
+            people = people_at(frame, self._recording)
             cells = self._ground.without(people.position)
         return (self._cell_of_voxel >= 0) & cells.ravel()[self._cell_of_voxel]
