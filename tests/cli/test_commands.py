@@ -314,6 +314,8 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
         1,
         "--alpha",
         0.1,
+        "--alpha",  # judged once
+        0.1,
     )
     done = crowdfence("evaluate", tmp_path, "-t", mesh, "--voxel-size-m", 1, *RECORDED, *bayes, "--json")
     assert done.returncode == 0, done.stderr

@@ -285,7 +285,7 @@ def _methods(
     given = {**parameters, **rates, "alpha": PAPER.alpha}
     one = paper if name is options.MethodName.paper else options.method_config(given, name)
     if isinstance(one, (PaperConfig, LinearPoolConfig, LogPoolConfig)):
-        return [replace(one, alpha=alpha) for alpha in alphas or [PAPER.alpha]]
+        return [replace(one, alpha=alpha) for alpha in dict.fromkeys(alphas or [PAPER.alpha])]
     return [one]
 
 
