@@ -321,6 +321,7 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     either, newest, slow = report["scores"]
+    assert report["stamps_ns"] == stamps
     assert either["per_frame"] == pytest.approx([16 / 24, 20 / 24])
     assert newest["per_frame"] == pytest.approx([16 / 24, 1.0])
     assert slow["per_frame"] == [0.0, 0.0]

@@ -97,8 +97,11 @@ def test_instants_without_recorded_people_are_left_out_and_told(truth: TruthKind
     exposures = [one.frames[-1].exposure_ns() for one in recording.instants(config.grouping.tolerance_ms)]
     known = [min(abs(one - stamp) for stamp in stamps_ns) <= 250_000_000 for one in exposures]
     assert 0 < sum(known) < len(known)
-    (row,) = score(recording, terrain, [config], truth=truth).rows
-    assert len(row.iou.per_frame) == (sum(known) if truth == "world" else len(known))
+    found = score(recording, terrain, [config], truth=truth)
+    (row,) = found.rows
+    stamps_ns = [one.stamp_ns for one in recording.instants(config.grouping.tolerance_ms)]
+    told_ns = [one for one, is_known in zip(stamps_ns, known, strict=True) if is_known or truth != "world"]
+    assert list(found.stamps_ns) == told_ns and len(row.iou.per_frame) == len(told_ns)
     assert row.safety is not None and row.safety.people > 0
     told = unrecorded_warning(recording, config.grouping.tolerance_ms, truth)
     assert told is not None and f"of {len(known) - sum(known)} of {len(known)} instants" in told

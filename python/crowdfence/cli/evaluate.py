@@ -184,7 +184,7 @@ def evaluate(
                 cells.add(instant, found)
             advance(len(instant.frames))
 
-        scores, refused, crowd_mass, swept, of_flight = score(
+        scores, refused, crowd_mass, swept, of_flight, stamps_ns = score(
             source,
             ground,
             configs,
@@ -224,6 +224,7 @@ def evaluate(
         "detector": {**heatmaps.to_json(), **_rates(counts), "rates_above": cells.b_threshold},
         "layer": layer,
         "truth": truth.value,
+        "stamps_ns": list(stamps_ns),  # of each figure in every `per_frame`
         "scores": [_as_json(row) for row in scores],
         **_knobs_json(scores, knobs),
         "refused": [str(frame) for frame in refused],

@@ -93,7 +93,7 @@ class Score:
 
 
 class Scores(NamedTuple):
-    """What a replay found: `rows, refused, crowd_mass, swept, doubts = score(...)`."""
+    """What a replay found: `rows, refused, crowd_mass, swept, doubts, stamps_ns = score(...)`."""
 
     rows: list[Score]
     """One per configuration, in their order."""
@@ -105,6 +105,8 @@ class Scores(NamedTuple):
     """One per configuration of `swept`; of these the IoU alone was counted."""
     doubts: tuple[str, ...]
     """What is doubtful about the views (`FlightDoubts`), one sentence each."""
+    stamps_ns: tuple[int, ...]
+    """The instants that were compared with the truth, in the order of every `MeanIou.per_frame`."""
 
 
 class CellCounter:
@@ -213,7 +215,8 @@ def score(
     watch = CrowdWatch(recording, terrain, tested) if of_crowds and knows_people else None
     highest = np.zeros(terrain.voxel_count, np.float32)
     watched_ns = -np.inf
-    compared, of_flight = 0, FlightDoubts()
+    of_flight = FlightDoubts()
+    compared_ns: list[int] = []
     refused = list(recording.refused)
     instants = recording.instants(first.grouping.tolerance_ms)
     with ThreadPoolExecutor(1, thread_name_prefix="truth") as executor:
@@ -233,7 +236,7 @@ def score(
             if watch is not None:
                 watch.saw(update.observations)
             if crowd is not None:
-                compared += 1
+                compared_ns.append(instant.stamp_ns)
                 for one in [*judged, *beside]:
                     one.compare(crowd, highest, instant.stamp_ns)
                 if instant.stamp_ns - watched_ns >= EVERY_S * 1e9:
@@ -259,13 +262,15 @@ def score(
             if on_instant is not None:
                 on_instant(instant, found)
     labelled = sum(has_crowd_mask(frame) for frame in recording.frames)
-    told_of_none = untold.labels == labelled if truth == "projected" else not compared and bool(untold.first)
+    told_of_none = (
+        untold.labels == labelled if truth == "projected" else not compared_ns and bool(untold.first)
+    )
     if told_of_none:
         raise ValueError(_told_of_none(recording, untold))
     rows = [one.score(safety=watch is not None) for one in judged]
     others = [one.score(safety=False) for one in beside]
     doubts = of_flight.warnings(recording.drones, first.projection.max_range_m)
-    return Scores(rows, tuple(refused), judged[0].loop.crowd_mass, others, tuple(doubts))
+    return Scores(rows, tuple(refused), judged[0].loop.crowd_mass, others, tuple(doubts), tuple(compared_ns))
 
 
 def _knows_people(recording: Recording, tolerance_ms: float, untold: UntoldTruth, *, needed: bool) -> bool:
