@@ -166,6 +166,42 @@ def test_an_alignment_of_another_day_is_doubted(flown: Recording, tmp_path: Path
         assert len(open_recording(folder, alignment=path).frames) == len(flown.frames)
 
 
+@pytest.mark.parametrize(
+    ("other", "doubted"),
+    [
+        ("itself", False),
+        ("a part of it", False),
+        ("on another map, whose middle lies elsewhere", False),
+        ("its pictures a moment later", True),
+        ("another way at the same moments", True),
+    ],
+)
+def test_an_alignment_of_other_pictures_of_the_time_is_doubted(
+    flown: Recording, tmp_path: Path, other: str, doubted: bool
+) -> None:
+    """Names of drones are alike in many recordings, and two may be made at a time, or simulated ones begin
+    with the same stamp."""
+    path, frames = tmp_path / "a.json", list(flown.frames)
+    if other == "a part of it":
+        frames = frames[::2]
+    for number, one in enumerate(frames if doubted or "map" in other else ()):
+        pose = one.world_from_camera.copy()
+        pose[0, 3] += 1000.0 if "map" in other else 4.0 * number if "way" in other else 0.0
+        stamp_ns = one.stamp_ns + (1_000_000 if "moment later" in other else 0)
+        frames[number] = replace(one, stamp_ns=stamp_ns, world_from_camera=pose)
+    offsets = {flown.drones[0]: PoseOffset(0.1)}
+    write_alignment(path, offsets, None, replace(flown, name="other", frames=tuple(frames)))
+    told = [one for one in open_recording(tmp_path / "flight", alignment=path).warnings if "found on" in one]
+    assert len(told) == doubted, told
+    if doubted:
+        assert f"found on other, and the pictures of {flown.drones[0]} there are none of flight" in told[0]
+    content = json.loads(path.read_text())
+    for damaged in (3, {flown.drones[0]: 3}, {flown.drones[0]: [[1, "x", 0, 0]]}, {"nobody": []}):
+        content["recording"]["pictures"] = damaged
+        path.write_text(json.dumps(content))
+        assert len(open_recording(tmp_path / "flight", alignment=path).frames) == len(flown.frames)
+
+
 def test_the_file_gives_back_what_was_written(flown: Recording, tmp_path: Path) -> None:
     offsets = {flown.drones[0]: PoseOffset(0.1, -0.2, 0.3, 0.05, (1.0, 2.0, -3.0))}
     path = tmp_path / "offsets.json"

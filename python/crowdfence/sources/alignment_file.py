@@ -10,6 +10,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from crowdfence.atomic_file import write_bytes
 from crowdfence.errors import one_line, quoted
 from crowdfence.iso_time import iso_utc
@@ -21,6 +23,10 @@ KIND = "crowdfence alignment"
 _NUMBERS = ("pitch_deg", "yaw_deg", "roll_deg", "time_s")
 _MOST = {"pitch_deg": 180.0, "yaw_deg": 180.0, "roll_deg": 180.0, "time_s": 86_400.0, "position_m": 1000.0}
 """Beyond that nothing is an offset of poses that are roughly right, but another unit or a slip."""
+_MOST_PICTURES = 50
+_SAME_WAY_M = 5.0
+"""Poses may be smoothed or read anew; another flight leaves the way of this one by more."""
+_ELSEWHERE = "what is off in how a camera is mounted is off here too, places and clocks may not be"
 
 
 def write_alignment(
@@ -40,6 +46,7 @@ def write_alignment(
             "name": recording.name,
             "span_ns": recording.span_ns,
             "alignment": {drone: alignments_of(recording.manifest, drone) for drone in offsets},
+            "pictures": {drone: _pictures(recording, drone) for drone in offsets},
         }
     write_bytes(path, (json.dumps(content, indent=2) + "\n").encode())
 
@@ -80,8 +87,9 @@ def require_same_poses(path: str | PathLike[str], recording: Recording) -> None:
 
 
 def doubt_of(path: str | PathLike[str], recording: Recording) -> str | None:
-    """Why an alignment may not hold for a recording: it was found on a flight of another time. None where it
-    was found on this one, and for a file that does not say. Errors as for `read_alignment`."""
+    """Why an alignment may not hold for a recording: it was found on a flight of another time, or on other
+    pictures. None where it was found on this one, or a part of it, and for a file that does not say. Errors
+    as for `read_alignment`."""
     found_on = _content(path).get("recording")
     here = recording.span_ns
     if not isinstance(found_on, dict) or here is None:
@@ -92,9 +100,48 @@ def doubt_of(path: str | PathLike[str], recording: Recording) -> str | None:
         ):
             return (
                 f"{path} was found on {found_on.get('name')}, from {iso_utc(first_ns)} on, and not on this "
-                "flight: what is off in how a camera is mounted is off here too, places and clocks may not be"
+                f"flight: {_ELSEWHERE}"
             )
+    pictures = found_on.get("pictures")
+    if isinstance(pictures, dict) and (others := _of_others(pictures, recording)):
+        return (
+            f"{path} was found on {found_on.get('name')}, and the pictures of {', '.join(others)} there are "
+            f"none of {recording.name}, though it flew at the time: {_ELSEWHERE}"
+        )
     return None
+
+
+def _pictures(recording: Recording, drone: str) -> list[list[float]]:
+    """Stamp and place of pictures of a drone, all along its flight, by which the flight is known again."""
+    frames = [frame for frame in recording.frames if frame.drone == drone]
+    some = frames[:: max(1, len(frames) // _MOST_PICTURES)]
+    return [[frame.stamp_ns, *frame.world_from_camera[:3, 3].round(2).tolist()] for frame in some]
+
+
+def _of_others(pictures: Mapping[str, Any], recording: Recording) -> list[str]:
+    """Drones none of whose pictures, as `_pictures` gave them, is in a recording, or that flew another way
+    from one to the next. Where the map puts them, all of them, does not matter."""
+    places = {(frame.drone, frame.stamp_ns): frame.world_from_camera[:3, 3] for frame in recording.frames}
+    spans = {drone: (track.stamps_ns[0], track.stamps_ns[-1]) for drone, track in recording.tracks().items()}
+    others = []
+    for drone, told in pictures.items():
+        if not _are_pictures(told) or drone not in spans:
+            continue
+        first_ns, last_ns = spans[drone]
+        of_time = [(stamp_ns, place) for stamp_ns, *place in told if first_ns <= stamp_ns <= last_ns]
+        apart = np.array(
+            [np.subtract(places[drone, one], place) for one, place in of_time if (drone, one) in places]
+        )
+        if of_time and (not len(apart) or np.abs(apart - np.median(apart, axis=0)).max() > _SAME_WAY_M):
+            others.append(drone)
+    return others
+
+
+def _are_pictures(told: Any) -> bool:
+    return isinstance(told, list) and all(
+        isinstance(one, list) and len(one) == 4 and all(type(x) in (int, float) and isfinite(x) for x in one)
+        for one in told
+    )
 
 
 def _content(path: str | PathLike[str]) -> dict[str, Any]:
