@@ -189,6 +189,25 @@ def test_a_drone_whose_poses_jump_is_refused_alone(jump: str, tmp_path: Path) ->
     assert np.abs([off.pitch_deg, off.yaw_deg, off.roll_deg, *off.position_m]).max() < 0.05
 
 
+def test_what_a_jump_spoils_for_others_is_told_without_it(tmp_path: Path) -> None:
+    """5 m down are too far for half of its pictures to be found again in those before, so that no step is
+    sure; what is left spoiled all three drones, and nothing was told of any."""
+    fleet = {"uav1": Flown(circling), "uav2": Flown(opposite), "uav3": Flown(beside(circling, 6.0))}
+    sunk = {**fleet, "uav2": Flown(opposite, moved_m=(0.0, 0.0, -5.0))}
+    folder, later = (
+        write_fleet(tmp_path / name, drones, paint(), frames=14)
+        for name, drones in (("flight", fleet), ("later", sunk))
+    )
+    for picture in sorted((later / "images").glob("uav2_*"))[7:]:
+        picture.replace(folder / "images" / picture.name)
+    first, second, third = align(open_recording(folder), level()).drones
+    assert not second.told and "does not hold for the rest" in second.why_not
+    for one in (first, third):
+        assert one.told and not one.why_not, one
+        off = one.offset
+        assert np.abs([off.pitch_deg, off.yaw_deg, off.roll_deg, *off.position_m]).max() < 0.05
+
+
 def circled_with_a_jump(tmp_path: Path, yaw_deg: float, *, frames: int, before: int) -> Path:
     """A flight whose heading is off by so much behind its first pictures."""
     folder, later = (

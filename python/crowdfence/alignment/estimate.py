@@ -203,7 +203,8 @@ def _told_or_left_out(
 ) -> dict[str, DroneAlignment]:
     """What is found of drones that are compared with one another; only those of which nothing can be told, if
     there are any: the others would be laid on their poses as if these were right. Of those whose poses jump
-    the surest alone: its step shows in others. `left_out` are those of which that was found before."""
+    the surest alone, and of those that do not hold the worst: what is wrong with one shows in others.
+    `left_out` are those of which that was found before."""
     names = sorted({frame.drone for frame in frames})
     counts = _counts(names, frames, matches)
     reasons = {name: _too_little(counts[name][0], counts[name][2], left_out) for name in names}
@@ -226,7 +227,10 @@ def _told_or_left_out(
         before, after = _median_px(names.index(name), fit)
         return {name: DroneAlignment(name, *counts[name], before, after, (), str(jumps[name]))}
     found = {name: _drone(name, number, counts[name], fit) for number, name in enumerate(names)}
-    return {name: one for name, one in found.items() if one.why_not} or found
+    worst = max(
+        found.values(), key=lambda one: one.after_px / _allowed_px(one.before_px) if one.why_not else 0
+    )
+    return {worst.drone: worst} if worst.why_not else found
 
 
 def _jumps(names: Sequence[str], disagreement: Disagreement, fit: Fit) -> dict[str, PoseJump]:
@@ -268,7 +272,7 @@ def _too_little(pictures: int, matches: int, left_out: Sequence[str]) -> str:
 
 def _drone(name: str, number: int, counts: tuple[int, int, int], fit: Fit) -> DroneAlignment:
     before, after = _median_px(number, fit)
-    if not (after <= _WORSE * before + _NOISE_PX and after <= max(_MUCH_PX, _LEAST_BETTER * before)):
+    if not after <= _allowed_px(before):
         why_not = (
             f"what one part of the flight says does not hold for the rest ({before:.2f} px off before, "
             f"{after:.2f} after)"
@@ -281,6 +285,11 @@ def _drone(name: str, number: int, counts: tuple[int, int, int], fit: Fit) -> Dr
         reason = "" if told else _untold(quantity, number, q, shown, fit)
         estimates.append(Estimate(quantity, unit, float(value), float(error), told, reason))
     return DroneAlignment(name, *counts, before, after, tuple(estimates))
+
+
+def _allowed_px(before_px: float) -> float:
+    """Up to which disagreement of left-out stretches offsets hold."""
+    return min(_WORSE * before_px + _NOISE_PX, max(_MUCH_PX, _LEAST_BETTER * before_px))
 
 
 def _median_px(number: int, fit: Fit) -> tuple[float, float]:
