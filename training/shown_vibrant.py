@@ -28,7 +28,8 @@ def main() -> None:
     if contract.rates is not None:
         sys.exit("error: the model is calibrated, for pictures as they were; give it as it was trained")
     graph = onnx.load(str(given.model))
-    shown = replace(contract, input=replace(contract.input, vibrance=given.vibrance))
+    # What joins several sizes is fitted once the model is calibrated: picture_sizes.py.
+    shown = replace(contract, input=replace(contract.input, vibrance=given.vibrance), sizes=None)
     write_contract(graph, shown.to_json())
     onnx.save_model(graph, str(given.model))
 

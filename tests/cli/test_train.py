@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,44 @@ def test_what_training_could_not_use_is_refused(options: list[str], message: str
 
     refused = CliRunner().invoke(app, ["train", "--data", "a", "--validation", "b", *options])
     assert message in str(refused.exception)
+
+
+@pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="beside other tests PyTorch is not loaded")
+def test_a_model_made_from_another_is_shown_pictures_as_that_one(tmp_path: Path) -> None:
+    """It had neither its sizes nor its colours nor its licence, and nothing said so."""
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxscript")
+    from crowdfence.calibration.graph import write_contract
+    from crowdfence.cli.app import app
+    from crowdfence.detector.contract.lookup import load_contract
+    from crowdfence.detector.shipped import shipped_model
+
+    graph = onnx.load(str(shipped_model("crowdnet-s-float32")))
+    first = load_contract(shipped_model("crowdnet-s-float32"))
+    first = replace(first, input=replace(first.input, vibrance=3.0), version="7")
+    models = [tmp_path / name for name in ("first.onnx", "second.onnx", "blue.onnx")]
+    write_contract(graph, first.to_json())
+    onnx.save_model(graph, str(models[0]))
+    few = ["--steps", "1", "--batch", "1", "--target", "silhouettes", "--json"]
+    data = [tmp_path / name for name in ("a.mcap", "b.mcap")]
+    for place in data:
+        shutil.copyfile(DEMO / "race.mcap", place)
+    given = ["train", "--data", str(data[0]), "--validation", str(data[1]), *few]
+    done = CliRunner().invoke(app, [*given, "--initial", str(models[0]), "-o", str(models[1])])
+    assert json.loads(done.stdout)["plan"]["vibrance"] == 3.0
+    second = load_contract(models[1])
+    assert second.input.vibrance == 3.0 and second.licence == "Apache-2.0"
+    assert second.about is not None and second.about["started_from"] == "crowdnet-s 7"
+    assert second.rates is None and second.calibration is None and second.pictures is None
+    # Those of the first join maps after its calibration: -.64 after a scale of 1.1407.
+    assert first.sizes is not None and second.sizes is not None
+    assert replace(second.sizes, bias=first.sizes.bias) == first.sizes
+    assert second.sizes.bias == pytest.approx(-0.64 * 0.8767, abs=1e-3)
+
+    write_contract(graph, replace(first, input=replace(first.input, color="BGR")).to_json())
+    onnx.save_model(graph, str(models[2]))
+    refused = CliRunner().invoke(app, [*given, "--initial", str(models[2]), "-o", str(tmp_path / "m.onnx")])
+    assert "is shown pictures as BGR, and training shows RGB" in str(refused.exception)
 
 
 @pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="beside other tests PyTorch is not loaded")

@@ -188,6 +188,19 @@ def test_stored_frames_are_those_of_the_recording(tmp_path: Path):
     } == written  # nothing done twice
 
 
+def test_stored_frames_are_as_vibrant_as_the_model_is_shown_them(tmp_path: Path):
+    from crowdfence._core import vibrant
+
+    (plain,) = store_missions([DEMO], ["silhouettes"], tmp_path)
+    (strong,) = store_missions([DEMO], ["silhouettes"], tmp_path, vibrance=3.0)
+    np.testing.assert_array_equal(strong.images[0], vibrant(np.array(plain.images[0]), 3.0))
+    assert (strong.images[0] != plain.images[0]).any()
+    pictures = annotated(tmp_path / "p", 90)
+    (plain,) = store_missions([pictures], ["ground"], tmp_path / "store")
+    (strong,) = store_missions([pictures], ["ground"], tmp_path / "store", vibrance=3.0)
+    np.testing.assert_array_equal(strong.images[0], vibrant(np.array(plain.images[0]), 3.0))
+
+
 def test_a_store_without_room_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """The frames are written into mapped files: on a full disk the system killed the process that wrote."""
     sizes = []

@@ -88,6 +88,19 @@ def _sizes_after(sizes: PictureSizes | None, chosen: LogitMap) -> PictureSizes |
     return replace(sizes, bias=bias)
 
 
+def sizes_before(contract: Contract) -> PictureSizes | None:
+    """`_sizes_after` undone, for a network without the corrections that `contract` tells of. A curve left
+    what joins the maps as it was."""
+    sizes, done = contract.sizes, contract.calibration or {}
+    for correction in (done, done.get("earlier") or {}):
+        by_graph = correction.get("in_graph") or {}
+        if sizes is None or sizes.weights is None or "scale" not in by_graph:
+            continue
+        moved = by_graph["bias"] * (1.0 - sum(sizes.weights))
+        sizes = replace(sizes, bias=(sizes.bias - moved) / by_graph["scale"])
+    return sizes
+
+
 def about_after(about: dict[str, Any] | None, chosen: LogitMap) -> dict[str, Any] | None:
     """Without what was counted on photographs at one half, where the correction moves that."""
     if about is None or (chosen.is_line and chosen.bias == 0.0):

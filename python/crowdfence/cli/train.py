@@ -15,6 +15,7 @@ from crowdfence.cli import console, options
 from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector_training.frame_store import StoredMission
     from crowdfence.detector_training.plan import TrainingPlan
     from crowdfence.detector_training.trainer import Checkup, Trained
@@ -59,7 +60,11 @@ def train(
     ] = 2,
     initial: Annotated[
         Path | None,
-        typer.Option("--initial", help="Checkpoint, or model, of an earlier training to start from."),
+        typer.Option(
+            "--initial",
+            help="Checkpoint, or model, of an earlier training to start from. What a model says of sizes, "
+            "colours and licence is said of the new one too.",
+        ),
     ] = None,
     live_statistics: Annotated[
         bool,
@@ -132,8 +137,9 @@ def train(
             plan = replace(
                 plan, wide=True, crops=replace(plan.crops, wide=WIDE_CROPS, photographs=WIDE_PHOTOGRAPHS)
             )
-        if initial is not None and initial.suffix == ".onnx":
-            plan = replace(plan, frozen_statistics=not live_statistics)
+        start = _start(initial)
+        if start is not None:
+            plan = replace(plan, frozen_statistics=not live_statistics, vibrance=start.input.vibrance)
         paths, held_out = options.recordings_in(data), options.recordings_in(validation)
         twice = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
         if twice:
@@ -154,6 +160,7 @@ def train(
                     folder,
                     workers=workers,
                     terrain_options=map_options,
+                    vibrance=plan.vibrance,
                     on_mission=lambda mission: advance(),
                 )
         names = mission_names([*paths, *held_out])
@@ -178,7 +185,7 @@ def train(
                 on_checkup=None if as_json else _tell,
             )
         facts = training_facts(trained, plan, learned, judged)
-        export_onnx(trained.network, 0, _contract(output, plan, facts, licence), output)
+        export_onnx(trained.network, 0, _contract(output, plan, facts, licence, start), output)
         write_report(output.with_suffix(".report"), trained, plan, learned, judged)
     if as_json:
         console.print_json(facts)
@@ -210,14 +217,38 @@ def _plan(target: list[options.LabelTarget] | None, given: dict[str, Any], seed:
     return TrainingPlan(targets=targets, seed=seed, **chosen)
 
 
-def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any], licence: str | None) -> Any:
+def _start(initial: Path | None) -> Contract | None:
+    """What the model says that a training starts from; None without one, or with a checkpoint."""
+    if initial is None or initial.suffix != ".onnx":
+        return None
+    from crowdfence.detector.contract.lookup import load_contract
+
+    contract = load_contract(initial)
+    if contract.input.color != "RGB":
+        raise ValueError(
+            f"{initial} is shown pictures as {contract.input.color}, and training shows RGB: it would learn "
+            "colours that it is never shown"
+        )
+    return contract
+
+
+def _contract(
+    output: Path,
+    plan: TrainingPlan,
+    facts: dict[str, Any],
+    licence: str | None,
+    start: Contract | None = None,
+) -> Contract:
+    """Of the trained model. One that started from another is shown pictures as that one, and has its licence;
+    what was measured of that one is not said of it."""
     from crowdfence._core import __version__
+    from crowdfence.calibration.model_file import sizes_before
     from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector_training.labels import STRIDE
     from crowdfence.detector_training.network import MULTIPLE_OF
     from crowdfence.truth.frame_labels import TARGET_HEIGHT_M
 
-    return Contract.from_json(
+    contract = Contract.from_json(
         {
             "schema": 1,
             "name": output.stem,
@@ -235,6 +266,15 @@ def _contract(output: Path, plan: TrainingPlan, facts: dict[str, Any], licence: 
             "target_height_m": TARGET_HEIGHT_M[plan.targets[0]],
             "about": {"marks": plan.targets[0], "parameters": facts["parameters"], "seed": plan.seed},
         }
+    )
+    if start is None:
+        return contract
+    return replace(
+        contract,
+        input=replace(start.input, name=contract.input.name),
+        sizes=sizes_before(start),
+        licence=licence or start.licence,
+        about={**(contract.about or {}), "started_from": " ".join(filter(None, (start.name, start.version)))},
     )
 
 

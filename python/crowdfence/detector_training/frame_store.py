@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from crowdfence._core import vibrant
 from crowdfence.atomic_file import NO_ROOM, atomic_path
 from crowdfence.detector_training.labels import (
     LABEL_STRIDE,
@@ -26,6 +27,7 @@ from crowdfence.detector_training.labels import (
 )
 from crowdfence.labelled_pictures.coco import annotation_file
 from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
+from crowdfence.sources.recording import Frame
 
 _FORMAT = 6
 
@@ -66,13 +68,15 @@ def store_missions(
     *,
     workers: int = 1,
     terrain_options: Mapping[str, Any] | None = None,
+    vibrance: float = 1.0,
     on_mission: Callable[[StoredMission], None] | None = None,
 ) -> list[StoredMission]:
     """Decode and label the frames of the recordings at `paths` into `folder`; what is there is reused, unless
     a recording, its map or a picture was changed since.
 
     Sides that are no multiple of the stride are cut down to one. Frames that cannot be read are skipped and
-    named. `terrain_options` say how the maps are opened, see `pipeline.open_terrain`. ValueError for a
+    named. `terrain_options` say how the maps are opened, see `pipeline.open_terrain`; `vibrance` is that with
+    which the model is shown pictures (`ModelInput`), and so are those that are stored. ValueError for a
     recording without a usable frame, or with frames of several sizes; OSError for a folder without room, and
     for a process that is killed.
     """
@@ -81,8 +85,9 @@ def store_missions(
     # Forking beside the threads of a library that decodes can leave a child waiting for ever.
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         options = dict(terrain_options or {})
-        parts = [folder / _key(path, targets, options) for path in paths]
-        stored = pool.map(_stored, paths, [tuple(targets)] * len(paths), [options] * len(paths), parts)
+        parts = [folder / _key(path, targets, options, vibrance) for path in paths]
+        alike = (tuple(targets), options, vibrance)
+        stored = pool.map(_stored, paths, *([one] * len(paths) for one in alike), parts)
         try:
             for path, part in zip(paths, stored, strict=True):
                 missions.append(_mapped(part, is_labelled_pictures(path)))
@@ -96,14 +101,17 @@ def store_missions(
     return missions
 
 
-def _key(path: Path, targets: Sequence[Target], options: dict[str, Any]) -> str:
+def _key(path: Path, targets: Sequence[Target], options: dict[str, Any], vibrance: float) -> str:
     stat = (annotation_file(path) or path).stat()
     file = [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
-    what = json.dumps([_FORMAT, *file, list(targets), options], default=str)
+    shown = [] if vibrance == 1.0 else [vibrance]
+    what = json.dumps([_FORMAT, *file, list(targets), options, *shown], default=str)
     return f"{path.stem}-{hashlib.sha256(what.encode()).hexdigest()[:12]}"
 
 
-def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], part: Path) -> Path:
+def _stored(
+    path: Path, targets: tuple[Target, ...], options: dict[str, Any], vibrance: float, part: Path
+) -> Path:
     """Write one mission as arrays; the description comes last and says that the rest is whole."""
     if _is_current(part):
         return part
@@ -113,7 +121,7 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
     from crowdfence.sources import open_recording
 
     if is_labelled_pictures(path):
-        return _stored_pictures(path, len(targets), part)
+        return _stored_pictures(path, len(targets), vibrance, part)
     recording = open_recording(path)
     if not recording.frames:
         raise ValueError(f"{path} holds no usable frame")
@@ -128,7 +136,7 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
     for frame in recording.frames:
         try:
             labels = [training_labels(target, frame, recording, terrain) for target in targets]
-            arrays.images[kept] = frame.image()[:height, :width]
+            arrays.images[kept] = _shown(frame, vibrance)[:height, :width]
         except FrameError as error:
             skipped.append(str(error))
             continue
@@ -140,7 +148,7 @@ def _stored(path: Path, targets: tuple[Target, ...], options: dict[str, Any], pa
     return _described(path, part, kept, skipped, doubts, read, None)
 
 
-def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
+def _stored_pictures(path: Path, targets: int, vibrance: float, part: Path) -> Path:
     """Pictures of any sizes: each in the upper left corner, around which nothing is known. What somebody
     outlined stands for every target."""
     from crowdfence.errors import FrameError
@@ -155,7 +163,8 @@ def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
     kept, skipped = 0, []
     for frame in frames:
         try:
-            image, labels = frame.image()[:height, :width], picture_training_labels(pictures, frame)
+            image = _shown(frame, vibrance)[:height, :width]
+            labels = picture_training_labels(pictures, frame)
             if min(image.shape[:2]) < STRIDE:
                 raise FrameError(
                     frame.drone, frame.stamp_ns, f"picture is less than {STRIDE} pixels high or wide"
@@ -173,6 +182,12 @@ def _stored_pictures(path: Path, targets: int, part: Path) -> Path:
         kept += 1
     read = [path / frame.drone for frame in frames]
     return _described(path, part, kept, skipped, pictures.recording.warnings, read, sizes)
+
+
+def _shown(frame: Frame, vibrance: float) -> NDArray[np.uint8]:
+    """The picture of a frame as a model is shown it."""
+    image = frame.image()
+    return image if vibrance == 1.0 else vibrant(image, vibrance)
 
 
 def _described(

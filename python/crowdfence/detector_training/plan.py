@@ -36,6 +36,8 @@ class TrainingPlan:
     """One material recoloured at a time, mist and dusk: `augmentation.varied`."""
     wide: bool = False
     """Beyond what was rendered: the clutter of `clutter`, the cameras of `photography`."""
+    vibrance: float = 1.0
+    """How vibrant pictures are shown, in training as in use; of the model that it starts from."""
     frozen_statistics: bool = False
     """Batch normalisation keeps the statistics that it starts with."""
     crops: CropPlan = field(default_factory=CropPlan)

@@ -224,17 +224,15 @@ class _Run:
         if path.suffix == ".onnx":
             self._take(import_onnx(path, len(self._plan.targets), self._plan.width))
             return
-        self._take(self._state_like_this(path, ("targets", "width"))["best"])
+        self._take(self._state_like_this(path, ("targets", "width", "vibrance"))["best"])
 
     def _state_like_this(self, path: Path, names: Sequence[str]) -> dict[str, Any]:
         """A checkpoint whose plan agrees with this one's in `names`."""
         state = _loaded(path, self._device)
         for name in names:
-            if state["plan"][name] != getattr(self._plan, name):
-                raise ValueError(
-                    f"{path} was trained with {name} {state['plan'][name]}, this training "
-                    f"has {getattr(self._plan, name)}"
-                )
+            of_that, of_this = state["plan"][name], getattr(self._plan, name)
+            if of_that != of_this:
+                raise ValueError(f"{path} was trained with {name} {of_that}, this training has {of_this}")
         return state
 
     def _take(self, weights: dict[str, torch.Tensor]) -> None:
@@ -244,7 +242,7 @@ class _Run:
 
     def learn_from(self, path: Path) -> None:
         """The best weights of another training, which tell this one what they see."""
-        state = self._state_like_this(path, ("targets",))
+        state = self._state_like_this(path, ("targets", "vibrance"))
         teacher = CrowdNet(len(self._plan.targets), width=state["plan"]["width"]).to(
             self._device,
             memory_format=torch.channels_last,  # type: ignore[call-overload]
@@ -367,6 +365,7 @@ def _loaded(path: Path, device: torch.device) -> dict[str, Any]:
         or not {"plan", "step", "network", "average", "best", "history"} <= state.keys()
     ):
         raise ValueError(f"{path} is no whole checkpoint of `crowdfence train`: name another, or remove it")
+    state["plan"] = {"vibrance": 1.0, **state["plan"]}  # older ones say nothing of it
     return state
 
 
