@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -366,6 +367,48 @@ def test_training_learns_and_a_resumed_training_is_the_same(tmp_path: Path):
     assert [one.step for one in resumed.history] == [50, 100, 150]
     for name, value in whole.network.state_dict().items():
         assert torch.equal(value, resumed.network.state_dict()[name]), name
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_what_is_interrupted_before_its_first_validation_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed: bool
+):
+    """With 500 steps between validations, minutes of work were."""
+    whole, checkpoint = train([squares(1)], [squares(2)], PLAN), tmp_path / "checkpoint"
+
+    class Killed(Exception):
+        pass
+
+    def interrupt(step: int) -> None:
+        if step == 10:
+            if killed:
+                raise Killed
+            signal.raise_signal(signal.SIGINT)
+
+    if killed:
+        monkeypatch.setattr("crowdfence.detector_training.trainer._SAVED_EVERY_S", 0.0)
+    with pytest.raises(Killed if killed else KeyboardInterrupt):
+        train([squares(1)], [squares(2)], PLAN, checkpoint=checkpoint, on_step=interrupt)
+    with pytest.raises(ValueError, match="a training that was not validated yet: go on with it"):
+        train([squares(1)], [squares(2)], PLAN, initial=checkpoint)
+    first: list[int] = []
+    resumed = train(
+        [squares(1)], [squares(2)], PLAN, checkpoint=checkpoint, resume=True, on_step=first.append
+    )
+    assert first[0] == (10 if killed else 11)
+    assert [one.loss for one in resumed.history] == [one.loss for one in whole.history]
+    for name, value in whole.network.state_dict().items():
+        assert torch.equal(value, resumed.network.state_dict()[name]), name
+
+
+def test_a_short_training_reaches_its_rate():
+    """With 200 steps of warm-up, one of 100 ended at half of it."""
+    plan = TrainingPlan(steps=100, learning_rate=1e-3)
+    rates = [plan.learning_rate_at(step) for step in range(100)]
+    assert max(rates) == pytest.approx(1e-3) and np.argmax(rates) == 24
+    assert rates[0] == pytest.approx(1e-3 / 25) and rates[-1] < 2e-5
+    assert TrainingPlan(steps=1).learning_rate_at(0) > 0.0
+    assert TrainingPlan().learning_rate_at(99) == pytest.approx(0.5 * TrainingPlan().learning_rate)
 
 
 def test_a_teacher_is_believed_by_the_share_that_it_has(tmp_path: Path):

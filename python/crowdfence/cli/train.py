@@ -12,6 +12,7 @@ import typer
 
 from crowdfence.atomic_file import replaceable_file, require_replaceable, writable_folder
 from crowdfence.cli import console, options
+from crowdfence.cli.exit_codes import INTERRUPTED
 from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
@@ -173,17 +174,21 @@ def train(
                 console.warn(f"{mission.name}: skipped {count}, the first: {first}")
         learned, judged = stored[: len(paths)], stored[len(paths) :]
         with console.progress("training", plan.steps, "steps") as advance:
-            trained = train_network(
-                learned,
-                judged,
-                plan,
-                checkpoint=output.with_suffix(".checkpoint"),
-                resume=resume,
-                initial=initial,
-                teacher=teacher,
-                on_step=lambda step: advance(),
-                on_checkup=None if as_json else _tell,
-            )
+            try:
+                trained = train_network(
+                    learned,
+                    judged,
+                    plan,
+                    checkpoint=output.with_suffix(".checkpoint"),
+                    resume=resume,
+                    initial=initial,
+                    teacher=teacher,
+                    on_step=lambda step: advance(),
+                    on_checkup=None if as_json else _tell,
+                )
+            except KeyboardInterrupt:
+                console.fail("interrupted; the same command with --resume goes on")
+                raise typer.Exit(INTERRUPTED) from None
         facts = training_facts(trained, plan, learned, judged)
         export_onnx(trained.network, 0, _contract(output, plan, facts, licence, start), output)
         write_report(output.with_suffix(".report"), trained, plan, learned, judged)

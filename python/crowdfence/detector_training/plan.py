@@ -23,6 +23,7 @@ class TrainingPlan:
     batch: int = 16
     learning_rate: float = 3e-3
     warm_up_steps: int = 200
+    """At most a quarter of all: a short training reaches its rate too."""
     weight_decay: float = 1e-4
     dice_weight: float = 0.5
     calm_share: float = 0.2
@@ -63,7 +64,8 @@ class TrainingPlan:
 
     def learning_rate_at(self, step: int) -> float:
         """Linear warm-up, then a half cosine down to a hundredth."""
-        if step < self.warm_up_steps:
-            return self.learning_rate * (step + 1) / self.warm_up_steps
-        done = (step - self.warm_up_steps) / max(1, self.steps - self.warm_up_steps)
+        warm_up = min(self.warm_up_steps, self.steps // 4)
+        if step < warm_up:
+            return self.learning_rate * (step + 1) / warm_up
+        done = (step - warm_up) / max(1, self.steps - warm_up)
         return self.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(1.0, done))))

@@ -30,11 +30,14 @@ from crowdfence.detector_training.photography import photographed
 from crowdfence.detector_training.plan import TrainingPlan
 from crowdfence.detector_training.resident_crops import ResidentCrops, crop_source
 from crowdfence.detector_training.validation import ValidationScore, validate
+from crowdfence.stop_request import StopRequest
 
 TAUGHT = 0.7
 """Share of a teacher's answers in what is learned; the rest is labels."""
 _MADE_AHEAD = 2
 """Batches that are made while one is learned, each by a thread: with `wide` a batch takes longer to make."""
+_SAVED_EVERY_S = 60.0
+"""Work that a killed training loses at most."""
 _MEASURED = 96
 """Crops that tell the statistics of a model which has none."""
 _MEASURED_AT = 1_000_000
@@ -80,8 +83,9 @@ def train(
     """Train a network on `missions`: its averaged weights at the end, or, when the mean IoU on `validation`
     no longer improves before the calm steps, the best until then.
 
-    With `checkpoint` the state is written there at every validation; `resume` goes on from it with the same
-    plan and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
+    With `checkpoint` the state is written there at every validation, once a minute between them, and where
+    SIGINT or SIGTERM end it (KeyboardInterrupt, after the step); `resume` goes on from it with the same plan
+    and gives the very steps that an uninterrupted training would have taken. Equal seeds, missions and
     machines give equal weights. `initial` is the checkpoint of another training, or the model that it wrote,
     whose weights this one starts from; a model holds no statistics, so they are measured on crops unless the
     plan freezes them. `teacher` is the checkpoint of another training with the same targets, of a larger
@@ -107,28 +111,25 @@ def train(
         run.load(checkpoint)
     elif initial is not None and initial.suffix == ".onnx" and not plan.frozen_statistics:
         run.measure(_crops(sampler, plan, _MEASURED_AT, _MEASURED).image)
-    started, losses = time.monotonic() - run.seconds, []
+    started = saved = time.monotonic()
+    before = run.seconds
     stopped = run.stopped  # already, where it ended before its model was written
-    for step, batch in () if stopped else _batches(sampler, plan, run.step):
-        losses.append(run.advance(batch, step))
-        if on_step is not None:
-            on_step(step)
-        if (step + 1) % plan.validate_every == 0 or step + 1 == plan.steps:
-            mean_loss = float(torch.stack(losses).mean())
-            losses.clear()
-            if not math.isfinite(mean_loss):
-                raise ValueError(f"the loss is {mean_loss} at step {step + 1}: use a smaller learning rate")
-            score = validate(run.average.network, validation, plan.targets, device)
-            if not math.isfinite(score.loss):
-                raise ValueError(
-                    f"the validation loss is {score.loss} at step {step + 1}: use a smaller learning rate"
-                )
-            checkup = Checkup(step + 1, time.monotonic() - started, mean_loss, score)
-            run.note(checkup)
-            if checkpoint is not None:
+    with StopRequest() as stop:
+        for step, batch in () if stopped else _batches(sampler, plan, run.step):
+            run.advance(batch, step)
+            run.seconds = before + time.monotonic() - started
+            if on_step is not None:
+                on_step(step)
+            due = (step + 1) % plan.validate_every == 0 or step + 1 == plan.steps
+            if due:
+                run.check_up(validation)
+            if checkpoint is not None and (due or stop.wanted or time.monotonic() - saved > _SAVED_EVERY_S):
                 run.save(checkpoint)
-            if on_checkup is not None:
-                on_checkup(checkup)
+                saved = time.monotonic()
+            if due and on_checkup is not None:
+                on_checkup(run.history[-1])
+            if stop.wanted:
+                raise KeyboardInterrupt
             stopped = run.stopped
             if stopped:
                 break
@@ -216,6 +217,10 @@ class _Run:
         )
         self._teacher: CrowdNet | None = None
         self.step = 0
+        self.seconds = 0.0
+        """Spent on training so far."""
+        self.losses: list[torch.Tensor] = []
+        """Of the steps since the last validation."""
         self.history: list[Checkup] = []
         self.best_state: dict[str, Any] = {}
 
@@ -233,6 +238,10 @@ class _Run:
             of_that, of_this = state["plan"][name], getattr(self._plan, name)
             if of_that != of_this:
                 raise ValueError(f"{path} was trained with {name} {of_that}, this training has {of_this}")
+        if not state["best"]:
+            raise ValueError(
+                f"{path} is of a training that was not validated yet: go on with it (--resume) first"
+            )
         return state
 
     def _take(self, weights: dict[str, torch.Tensor]) -> None:
@@ -265,10 +274,6 @@ class _Run:
         return max(self.history, key=lambda one: one.score.mean_iou)
 
     @property
-    def seconds(self) -> float:
-        return self.history[-1].seconds if self.history else 0.0
-
-    @property
     def waited(self) -> int:
         """Validations since the best one. The calm steps at the end are always taken whole."""
         if self.step > self._plan.calm_from:
@@ -280,8 +285,8 @@ class _Run:
         """Whether validation has not improved for too long."""
         return bool(self.history) and self.waited >= self._plan.patience
 
-    def advance(self, batch: Batch, step: int) -> torch.Tensor:
-        """One step; returns the loss."""
+    def advance(self, batch: Batch, step: int) -> None:
+        """One step."""
         self.network.train()
         if self._plan.frozen_statistics:
             freeze_statistics(self.network)
@@ -304,9 +309,20 @@ class _Run:
         self._optimiser.step()
         self.average.update(self.network, step)
         self.step = step + 1
-        return loss.detach()
+        self.losses.append(loss.detach())
 
-    def note(self, checkup: Checkup) -> None:
+    def check_up(self, validation: Sequence[StoredMission]) -> None:
+        """Validate. ValueError for a loss that is not finite."""
+        mean_loss = float(torch.stack(self.losses).mean())
+        self.losses.clear()
+        if not math.isfinite(mean_loss):
+            raise ValueError(f"the loss is {mean_loss} at step {self.step}: use a smaller learning rate")
+        score = validate(self.average.network, validation, self._plan.targets, self._device)
+        if not math.isfinite(score.loss):
+            raise ValueError(
+                f"the validation loss is {score.loss} at step {self.step}: use a smaller learning rate"
+            )
+        checkup = Checkup(self.step, self.seconds, mean_loss, score)
         self.history.append(checkup)
         if self.best is checkup or not self.best_state:
             self.best_state = {
@@ -318,6 +334,8 @@ class _Run:
             "plan": asdict(self._plan),
             "origin": self._origin,
             "step": self.step,
+            "seconds": self.seconds,
+            "losses": [float(one) for one in self.losses],
             "network": self.network.state_dict(),
             "average": self.average.network.state_dict(),
             "best": self.best_state,
@@ -342,7 +360,9 @@ class _Run:
         self.average.network.load_state_dict(state["average"])
         self.best_state = state["best"]
         self._optimiser.load_state_dict(state["optimiser"])
+        self.losses = [torch.tensor(one, device=self._device) for one in state.get("losses", ())]
         self.history = [_checkup_of_data(one) for one in state["history"]]
+        self.seconds = state.get("seconds", self.history[-1].seconds if self.history else 0.0)
 
 
 def _digest(weights: dict[str, torch.Tensor]) -> str:
