@@ -31,8 +31,9 @@ from crowdfence.detector_training.photography import (  # noqa: E402
 )
 from crowdfence.detector_training.plan import TrainingPlan  # noqa: E402
 from crowdfence.detector_training.recolouring import recoloured  # noqa: E402
+from crowdfence.detector_training.report import training_facts, write_report  # noqa: E402
 from crowdfence.detector_training.resident_crops import ResidentCrops  # noqa: E402
-from crowdfence.detector_training.trainer import train  # noqa: E402
+from crowdfence.detector_training.trainer import Checkup, train  # noqa: E402
 from crowdfence.detector_training.validation import ValidationScore, validate  # noqa: E402
 from crowdfence.evaluation.cells.rates import Confusion  # noqa: E402
 
@@ -548,15 +549,33 @@ def test_a_plan_that_gives_no_network_is_refused(changes: dict[str, float], mess
 def test_a_training_can_start_from_another(tmp_path: Path):
     checkpoint = tmp_path / "checkpoint"
     earlier = train([squares(1)], [squares(2)], PLAN, checkpoint=checkpoint)
-    later = train(
-        [squares(1)],
-        [squares(2)],
-        replace(PLAN, steps=2, validate_every=1, learning_rate=1e-9),
-        initial=checkpoint,
-    )
-    assert later.history[0].score.mean_iou == pytest.approx(earlier.best.score.mean_iou, abs=0.02)
+    told: list[Checkup] = []
+    plan = replace(PLAN, steps=2, validate_every=1, learning_rate=1e-9)
+    later = train([squares(1)], [squares(2)], plan, initial=checkpoint, on_checkup=told.append)
+    assert later.start == told[0] and [one.step for one in later.history] == [0, 1, 2]
+    assert later.start.score == earlier.best.score and later.start.loss is None and earlier.start is None
+    assert later.history[1].score.mean_iou == pytest.approx(earlier.best.score.mean_iou, abs=0.02)
     with pytest.raises(ValueError, match="trained with width 0.25, this training has 0.5"):
         train([squares(1)], [squares(2)], replace(PLAN, width=0.5), initial=checkpoint)
+
+
+def test_a_training_that_made_it_worse_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """The history began with step 500: nobody saw what it was before."""
+    from crowdfence.cli.train import _warn_of_worse
+
+    checkpoint, going_on = tmp_path / "checkpoint", tmp_path / "going-on"
+    train([squares(1)], [squares(2)], PLAN, checkpoint=checkpoint)
+    ruin = replace(PLAN, steps=6, validate_every=2, learning_rate=3.0, average_decay=0.0, patience=2)
+    worse = train([squares(1)], [squares(2)], ruin, initial=checkpoint, checkpoint=going_on)
+    assert worse.worse_than_start("silhouettes") and worse.best.step > 0  # what was trained is kept
+    facts = training_facts(worse, ruin, [squares(1)], [squares(2)])
+    assert facts["worse_than_start"] and facts["start"] == facts["history"][0]
+    assert facts["start"]["step"] == 0 and facts["start"]["loss"] is None
+    write_report(tmp_path / "report", worse, ruin, [squares(1)], [squares(2)])
+    _warn_of_worse(worse, ruin, checkpoint)
+    assert "is worse than" in capsys.readouterr().err
+    again = train([squares(1)], [squares(2)], ruin, initial=checkpoint, checkpoint=going_on, resume=True)
+    assert again.history == worse.history
 
 
 def test_a_training_goes_on_from_a_model_with_statistics_of_its_own(tmp_path: Path):
@@ -569,7 +588,8 @@ def test_a_training_goes_on_from_a_model_with_statistics_of_its_own(tmp_path: Pa
     export_onnx(earlier.network, 0, _contract(model, PLAN, {"parameters": 1}, None), model)
     plan = replace(PLAN, steps=2, validate_every=1, learning_rate=1e-9, seasons=True)
     later = train([squares(1)], [squares(2)], plan, initial=model)
-    assert later.history[0].score.mean_iou == pytest.approx(earlier.best.score.mean_iou, abs=0.02)
+    for one in later.history:  # as it was, and with statistics measured
+        assert one.score.mean_iou == pytest.approx(earlier.best.score.mean_iou, abs=0.02)
     frozen = train([squares(1)], [squares(2)], replace(plan, frozen_statistics=True), initial=model)
     means = [
         [one.running_mean.abs().max() for one in network.modules() if isinstance(one, torch.nn.BatchNorm2d)]

@@ -192,6 +192,7 @@ def train(
         facts = training_facts(trained, plan, learned, judged)
         export_onnx(trained.network, 0, _contract(output, plan, facts, licence, start), output)
         write_report(output.with_suffix(".report"), trained, plan, learned, judged)
+    _warn_of_worse(trained, plan, initial)
     if as_json:
         console.print_json(facts)
     else:
@@ -285,10 +286,21 @@ def _contract(
 
 def _tell(checkup: Checkup) -> None:
     quality = ", ".join(f"{target} IoU {checkup.score.iou(target):.3f}" for target in checkup.score.cells)
+    learned = "" if checkup.loss is None else f"loss {checkup.loss:.4f}, "
     console.stderr().print(
-        f"step {checkup.step}, {checkup.seconds / 60:.1f} min: loss {checkup.loss:.4f}, validation "
+        f"step {checkup.step}, {checkup.seconds / 60:.1f} min: {learned}validation "
         f"{checkup.score.loss:.4f}, {quality}"
     )
+
+
+def _warn_of_worse(trained: Trained, plan: TrainingPlan, initial: Path | None) -> None:
+    start, target = trained.start, plan.targets[0]
+    if start is not None and trained.worse_than_start(target):
+        console.warn(
+            f"on the validation missions the new model is worse than {initial}, from which it started: pixel "
+            f"IoU {trained.best.score.iou(target):.3f} instead of {start.score.iou(target):.3f}; a smaller "
+            "--learning-rate, more --steps or more --data may help"
+        )
 
 
 def _report(trained: Trained, plan: TrainingPlan, output: Path) -> None:
@@ -301,7 +313,8 @@ def _report(trained: Trained, plan: TrainingPlan, output: Path) -> None:
             {
                 "kept": f"step {best.step} of {plan.steps}"
                 + (", stopped early" if trained.stopped_early else ""),
-                "pixel IoU": f"{best.score.iou(target):.3f} on the validation missions",
+                "pixel IoU": f"{best.score.iou(target):.3f} on the validation missions"
+                + (f", {trained.start.score.iou(target):.3f} before" if trained.start else ""),
                 "TPR, FPR": f"{cells.true_positive_rate().rate:.3f}, {cells.false_positive_rate().rate:.4f}",
                 "report": str(output.with_suffix(".report")),
                 "next": f"crowdfence calibrate {output} --data ... (missions that were in neither group)",

@@ -58,6 +58,8 @@ def training_facts(
         ],
         "stopped_early": trained.stopped_early,
         "best": _row(trained.best),
+        "start": None if trained.start is None else _row(trained.start),
+        "worse_than_start": trained.worse_than_start(plan.targets[0]),
         "history": [_row(checkup) for checkup in trained.history],
     }
 
@@ -90,7 +92,8 @@ def _draw_curves(path: Path, trained: Trained, plan: TrainingPlan) -> None:
     steps = [checkup.step for checkup in history]
     figure = Figure(figsize=(10, 4), layout="constrained")
     losses, quality = figure.subplots(1, 2)
-    losses.plot(steps, [checkup.loss for checkup in history], label="training (with Dice until the line)")
+    learned = [np.nan if checkup.loss is None else checkup.loss for checkup in history]
+    losses.plot(steps, learned, label="training (with Dice until the line)")
     losses.plot(steps, [checkup.score.loss for checkup in history], label="validation, cross-entropy")
     losses.set_yscale("log")
     losses.set_ylabel("loss")

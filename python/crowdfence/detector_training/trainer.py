@@ -51,8 +51,8 @@ class Checkup:
     step: int
     seconds: float
     """Time spent on training so far."""
-    loss: float
-    """Mean training loss since the last one."""
+    loss: float | None
+    """Mean training loss since the last one; None of the weights that a training starts from."""
     score: ValidationScore
 
 
@@ -64,7 +64,17 @@ class Trained:
     """The averaged weights of `best`."""
     best: Checkup
     history: list[Checkup]
+    """Begins with step 0, the weights that it started from, where another training made them."""
     stopped_early: bool
+
+    @property
+    def start(self) -> Checkup | None:
+        """Of the weights that it started from."""
+        return self.history[0] if self.history[0].step == 0 else None
+
+    def worse_than_start(self, target: Target) -> bool:
+        """Whether the validation missions say that it would better not have been trained."""
+        return self.start is not None and self.best.score.iou(target) < self.start.score.iou(target)
 
 
 def train(
@@ -109,8 +119,12 @@ def train(
         run.learn_from(teacher)
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
-    elif initial is not None and initial.suffix == ".onnx" and not plan.frozen_statistics:
-        run.measure(_crops(sampler, plan, _MEASURED_AT, _MEASURED).image)
+    elif initial is not None:
+        if initial.suffix == ".onnx" and not plan.frozen_statistics:
+            run.measure(_crops(sampler, plan, _MEASURED_AT, _MEASURED).image)
+        run.check_up(validation)
+        if on_checkup is not None:
+            on_checkup(run.history[-1])
     started = saved = time.monotonic()
     before = run.seconds
     stopped = run.stopped  # already, where it ended before its model was written
@@ -267,23 +281,29 @@ class _Run:
 
     @property
     def best(self) -> Checkup:
-        """The validation with the largest IoU; once the calm steps have begun, the last one: averaged weights
-        need time to lose the certainty that Dice gave them, which the IoU does not show."""
+        """The validation with the largest IoU, the start left out; once the calm steps have begun, the last
+        one: averaged weights need time to lose the certainty that Dice gave them, which the IoU does not
+        show."""
         if self.history[-1].step > self._plan.calm_from:
             return self.history[-1]
-        return max(self.history, key=lambda one: one.score.mean_iou)
+        return max(self._judged, key=lambda one: one.score.mean_iou)
+
+    @property
+    def _judged(self) -> list[Checkup]:
+        """Without the start: at full rate a training is worse than that for a while."""
+        return [one for one in self.history if one.step > 0]
 
     @property
     def waited(self) -> int:
         """Validations since the best one. The calm steps at the end are always taken whole."""
         if self.step > self._plan.calm_from:
             return 0
-        return len(self.history) - 1 - self.history.index(self.best)
+        return len(self._judged) - 1 - self._judged.index(self.best)
 
     @property
     def stopped(self) -> bool:
         """Whether validation has not improved for too long."""
-        return bool(self.history) and self.waited >= self._plan.patience
+        return bool(self._judged) and self.waited >= self._plan.patience
 
     def advance(self, batch: Batch, step: int) -> None:
         """One step."""
@@ -313,18 +333,17 @@ class _Run:
 
     def check_up(self, validation: Sequence[StoredMission]) -> None:
         """Validate. ValueError for a loss that is not finite."""
-        mean_loss = float(torch.stack(self.losses).mean())
+        mean_loss = float(torch.stack(self.losses).mean()) if self.losses else None
         self.losses.clear()
-        if not math.isfinite(mean_loss):
+        if mean_loss is not None and not math.isfinite(mean_loss):
             raise ValueError(f"the loss is {mean_loss} at step {self.step}: use a smaller learning rate")
         score = validate(self.average.network, validation, self._plan.targets, self._device)
         if not math.isfinite(score.loss):
-            raise ValueError(
-                f"the validation loss is {score.loss} at step {self.step}: use a smaller learning rate"
-            )
+            advice = "use a smaller learning rate" if self.step else "start from other weights (--initial)"
+            raise ValueError(f"the validation loss is {score.loss} at step {self.step}: {advice}")
         checkup = Checkup(self.step, self.seconds, mean_loss, score)
         self.history.append(checkup)
-        if self.best is checkup or not self.best_state:
+        if not self._judged or self.best is checkup:
             self.best_state = {
                 name: value.clone() for name, value in self.average.network.state_dict().items()
             }
