@@ -8,6 +8,7 @@ import shutil
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 from PIL import Image
 
 from crowdfence import Camera, Terrain
-from crowdfence.detector_training.frame_store import _Arrays, store_missions
+from crowdfence.detector_training.frame_store import _Arrays, _stored, store_missions
 from crowdfence.detector_training.labels import training_labels
 from crowdfence.errors import FrameError
 from crowdfence.sources import open_recording
@@ -199,6 +200,16 @@ def test_stored_frames_are_as_vibrant_as_the_model_is_shown_them(tmp_path: Path)
     (plain,) = store_missions([pictures], ["ground"], tmp_path / "store")
     (strong,) = store_missions([pictures], ["ground"], tmp_path / "store", vibrance=3.0)
     np.testing.assert_array_equal(strong.images[0], vibrant(np.array(plain.images[0]), 3.0))
+
+
+def test_frames_of_several_sizes_say_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    recording = open_recording(DEMO)
+    wide = Camera.pinhole(640, 240, 300.0, 300.0, 320.0, 120.0)
+    frames = [replace(one, camera=wide) if one.drone == "uav2" else one for one in recording.frames]
+    of_two = replace(recording, frames=tuple(frames))
+    monkeypatch.setattr("crowdfence.sources.open_recording", lambda _: of_two)
+    with pytest.raises(ValueError, match=r"320 x 240 of uav1, uav3; 640 x 240 of uav2\), .* --without DRONE"):
+        _stored(DEMO, ("silhouettes",), {}, 1.0, tmp_path / "part")
 
 
 def test_a_store_without_room_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -129,7 +129,7 @@ def _stored(
     terrain = None if ground is None else ground.terrain
     sizes = {(frame.camera.height, frame.camera.width) for frame in recording.frames}
     if len(sizes) > 1:
-        raise ValueError(f"{path} holds frames of several sizes: {sorted(sizes)}")
+        raise ValueError(_of_several_sizes(path, recording.frames))
     height, width = (side // STRIDE * STRIDE for side in sizes.pop())
     arrays = _Arrays.create(part, len(recording.frames), len(targets), height, width)
     kept, skipped = 0, [str(refused) for refused in recording.refused]
@@ -146,6 +146,17 @@ def _stored(
     doubts = [*recording.warnings, *(() if ground is None else ground.doubts)]
     read = _files_of(path, part.parent) + ([] if recording.terrain is None else [recording.terrain])
     return _described(path, part, kept, skipped, doubts, read, None)
+
+
+def _of_several_sizes(path: Path, frames: Sequence[Frame]) -> str:
+    drones: dict[str, set[str]] = {}
+    for frame in frames:
+        drones.setdefault(f"{frame.camera.width} x {frame.camera.height}", set()).add(frame.drone)
+    of_each = "; ".join(f"{size} of {', '.join(sorted(some))}" for size, some in sorted(drones.items()))
+    return (
+        f"{path} holds frames of several sizes ({of_each}), and a mission to train on has those of one: make "
+        "one mission for each size, `crowdfence convert ... --without DRONE` leaves the drones of others out"
+    )
 
 
 def _stored_pictures(path: Path, targets: int, vibrance: float, part: Path) -> Path:
