@@ -35,6 +35,18 @@ def test_what_a_file_says_is_said_of_the_file(tmp_path: Path) -> None:
     assert isinstance(done.exception, ValueError) and "parade.toml: " in str(done.exception)
 
 
+def test_a_mission_without_a_picture_is_refused(tmp_path: Path) -> None:
+    """It was written, with 0 of 0 frames, and nothing was said."""
+    late = tmp_path / "late.toml"
+    empty = (Path(scenarios.__file__).parent / "empty.toml").read_text(encoding="utf-8")
+    joins = [[drone, 900.0] for drone in range(3)]
+    late.write_text(empty.replace("[trouble]", f"[trouble]\njoins_s = {joins}"), encoding="utf-8")
+    few = ["--frames", "3", "--fps", "2", "--size", "64x48", "--voxel", "4", "--no-rgb"]
+    refused = CliRunner().invoke(app, ["simulate", str(late), "-o", str(tmp_path / "late.mcap"), *few])
+    assert "no drone takes a picture that arrives in the 1 s" in str(refused.exception)
+    assert [path.name for path in tmp_path.iterdir()] == ["late.toml"]
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [

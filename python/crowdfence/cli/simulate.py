@@ -146,6 +146,12 @@ def simulate(
             fates = capture_counts(build_schedule(scene)).values()
             advance()
         planned = sum(fate["delivered"] for fate in fates)
+        if not planned:
+            raise ValueError(
+                f"{scenario}: no drone takes a picture that arrives in the {loaded.duration_s:g} s that the "
+                "mission lasts: see joins_s, leaves_s and dropped of its trouble; --frames makes it longer, "
+                "--no-trouble leaves them out"
+            )
         with console.progress("writing the map, then simulating", planned, "frames") as advance:
             try:
                 recorded = record(
