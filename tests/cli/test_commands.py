@@ -534,7 +534,7 @@ def test_a_recording_without_a_usable_frame_is_not_converted(tmp_path: Path) -> 
         (["--decay", -1], "error: --decay is -1; it must be finite and >= 0"),
         (["--tpr", 1], "error: --tpr is 1; it must be strictly between 0 and 1"),
         (["--prior", 0], "error: --prior is 0; it must be strictly between 0 and 1"),
-        (["--fleet-size", 2], "makes the fleet 3 drones large; fleet_size is 2"),
+        (["--fleet-size", 2], "makes the fleet 3 drones large; --fleet-size is 2: give the number of all"),
         (["--threshold", 0], "error: --threshold is 0; it must be in (0, 1]"),
         (["--min-area-m2", -1], "error: --min-area-m2 is -1; it must be finite and >= 0"),
         (["--stale-after-s", "nan"], "error: --stale-after-s is nan; it must be finite and >= 0"),

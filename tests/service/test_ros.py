@@ -378,6 +378,7 @@ def test_keys_are_those_of_rmw_zenoh_and_of_the_bridge() -> None:
         ("drone=x,camera=/*/image,info=/a", r"/\*/image names no topic"),
         ("drone=x,camera=/uav1/image,info=/uav$*/info", "names no topic"),
         ("camera=/a//image,info=/b", "names no topic"),
+        ("camera=/a,info=/b,camera=/c", "camera is given twice, a drone has one"),
     ],
 )
 def test_topics_that_cannot_be_used_are_refused(text: str, words: str) -> None:

@@ -450,6 +450,9 @@ def test_a_bag_without_a_camera_lists_what_is_there(tmp_path: Path) -> None:
         open_recording(bag, topics="camera=/mavros/local_position/pose")
     with pytest.raises(ValueError, match=r"no role 'kamera'"):
         open_recording(bag, topics="kamera=/cam")
+    # The last one was taken, and of the first nothing was said.
+    with pytest.raises(ValueError, match=r"pose is given twice, a drone has one"):
+        open_recording(bag, topics="pose=/other,pose=/mavros/local_position/pose")
 
 
 def test_a_bag_whose_recorder_was_killed_has_no_description(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ _RULES = [
     *((re.compile(rf'(?<!")\b{name}(?:=True| =)?(?![\w=])'), option) for name, option in _OPTIONS.items()),
     (re.compile(rf"\b({_READER_OPTIONS})=(?:'([^']*)'|([\w.:+-]+))"), r"--terrain-option \1=\2\3"),
     (re.compile(r"\b(height_offset_m|max_hole_m2|max_hole_m) = "), r"--terrain-option \1="),
+    (re.compile(r"\bfleet_size is (\d+)$"), r"--fleet-size is \1: give the number of all, or leave it out"),
     (re.compile(r"\bcountry=(?=[A-Z]{3}$)"), "--country "),
     (re.compile(r"\bpass (crs|height_offset_m)\b"), r"pass --terrain-option \1=..."),
     (re.compile(r"\((for maps: )(height_offset_m)\)"), r"(\1--terrain-option \2=...)"),

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from crowdfence.sources.mission import ros2_messages
-from crowdfence.sources.ros_bag.topic_choice import DroneTopics
+from crowdfence.sources.ros_bag.topic_choice import DroneTopics, each_once
 
 _POSES = (ros2_messages.POSE_STAMPED, ros2_messages.ODOMETRY, ros2_messages.POSE_WITH_COVARIANCE)
 ROLES: dict[str, tuple[str, ...]] = {
@@ -67,7 +67,7 @@ def own_frame(pose_topic: str) -> str:
 
 
 def _of_drone(text: str) -> DroneTopics:
-    named: dict[str, str] = {}
+    pairs: list[tuple[str, str]] = []
     for part in text.split(","):
         role, equals, topic = part.strip().partition("=")
         if not (equals and topic) or role not in (*ROLES, "drone"):
@@ -76,7 +76,8 @@ def _of_drone(text: str) -> DroneTopics:
             )
         if role != "drone" and not _TOPIC.fullmatch(topic):
             raise ValueError(f"--topics {text!r}: {topic} names no topic; it has no *, $, ?, # and no //")
-        named[role] = topic
+        pairs.append((role, topic))
+    named = each_once(pairs, text)
     pictures = named.get("camera") or named.get("heatmap") or ""
     drone = named.pop("drone", "") or pictures.strip("/").partition("/")[0]
     if not (drone and ("camera" in named or "heatmap" in named) and "info" in named):

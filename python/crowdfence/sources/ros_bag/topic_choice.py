@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 from crowdfence.sources.ros_bag.bag_file import BagTopic
@@ -68,7 +68,7 @@ def stated_topics(texts: Sequence[str], topics: Mapping[str, BagTopic]) -> list[
     """
     drones = []
     for number, text in enumerate(texts, start=1):
-        named = dict(_pair(part, text) for part in text.split(","))
+        named = each_once((_pair(part, text) for part in text.split(",")), text)
         drone = named.pop("drone", None)
         for role, topic in named.items():
             _check_role(role, topic, topics)
@@ -102,6 +102,18 @@ def topic_list(topics: Mapping[str, BagTopic]) -> str:
     """What is there, for a message."""
     rows = (f"{name} ({topic.type}, {topic.count})" for name, topic in sorted(topics.items()))
     return "; ".join(rows) or "none"
+
+
+def each_once(pairs: Iterable[tuple[str, str]], text: str) -> dict[str, str]:
+    """Topic by role of one drone. ValueError for a role given twice: which one is meant, nobody knows."""
+    named: dict[str, str] = {}
+    for role, topic in pairs:
+        if role in named:
+            raise ValueError(
+                f"--topics {text!r}: {role} is given twice, a drone has one; another drone has --topics too"
+            )
+        named[role] = topic
+    return named
 
 
 def _pair(part: str, text: str) -> tuple[str, str]:
