@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from click.testing import Result
 from typer.testing import CliRunner
 
 from crowdfence.cli.options import recordings_in
@@ -78,6 +79,43 @@ def test_a_model_made_from_another_is_shown_pictures_as_that_one(tmp_path: Path)
     onnx.save_model(graph, str(models[2]))
     refused = CliRunner().invoke(app, [*given, "--initial", str(models[2]), "-o", str(tmp_path / "m.onnx")])
     assert "is shown pictures as BGR, and training shows RGB" in str(refused.exception)
+
+
+@pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="beside other tests PyTorch is not loaded")
+def test_a_teacher_is_looked_at_before_missions_are_decoded_and_told_of(tmp_path: Path) -> None:
+    """A model as a teacher was no checkpoint, "remove it", after minutes of decoding; a smaller one taught
+    without a word, and neither the report nor the model said that there had been one."""
+    pytest.importorskip("onnxscript")
+    from crowdfence.cli.app import app
+    from crowdfence.detector.contract.lookup import load_contract
+
+    data = [tmp_path / name for name in ("a.mcap", "b.mcap")]
+    for place in data:
+        shutil.copyfile(DEMO / "race.mcap", place)
+    few = ["--steps", "1", "--batch", "1", "--store", str(tmp_path / "frames"), "--json"]
+    given = ["train", "--data", str(data[0]), "--validation", str(data[1]), *few]
+
+    def trained(name: str, width: float, *more: str, target: str = "silhouettes") -> Result:
+        whole = [*given, "--width", str(width), "--target", target, *more, "-o", str(tmp_path / name)]
+        return CliRunner().invoke(app, whole)
+
+    assert trained("small.onnx", 0.1).exit_code == 0
+    small = str(tmp_path / "small.checkpoint")
+    taught = trained("taught.onnx", 0.2, "--teacher", small)
+    assert "small.checkpoint has width 0.1, this training 0.2" in taught.stderr.replace("\n", " ")
+    teacher = {"checkpoint": "small.checkpoint", "width": 0.1, "steps": 1, "share": 0.7}
+    assert json.loads(taught.stdout)["teacher"] == teacher
+    about = load_contract(tmp_path / "taught.onnx").about
+    assert about is not None and about["teacher"] == teacher
+
+    shutil.rmtree(tmp_path / "frames")
+    model = trained("m.onnx", 0.2, "--teacher", str(tmp_path / "small.onnx"))
+    assert "small.onnx is a model; a teacher is the checkpoint that its training left" in str(model.exception)
+    other = trained("m.onnx", 0.2, "--teacher", small, target="ground")
+    assert "was trained with targets ('silhouettes',), this training has ('ground',)" in str(other.exception)
+    own = trained("small.onnx", 0.1, "--teacher", small, "--force")
+    assert "small.checkpoint is read for this, and would be lost" in str(own.exception)
+    assert not list((tmp_path / "frames").glob("*"))
 
 
 @pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="beside other tests PyTorch is not loaded")

@@ -33,7 +33,7 @@ from crowdfence.detector_training.plan import TrainingPlan  # noqa: E402
 from crowdfence.detector_training.recolouring import recoloured  # noqa: E402
 from crowdfence.detector_training.report import training_facts, write_report  # noqa: E402
 from crowdfence.detector_training.resident_crops import ResidentCrops  # noqa: E402
-from crowdfence.detector_training.trainer import Checkup, train  # noqa: E402
+from crowdfence.detector_training.trainer import Checkup, Teacher, train  # noqa: E402
 from crowdfence.detector_training.validation import ValidationScore, validate  # noqa: E402
 from crowdfence.evaluation.cells.rates import Confusion  # noqa: E402
 
@@ -439,7 +439,10 @@ def test_a_teacher_of_other_targets_is_refused_and_no_resumed_training_gets_anot
     train([squares(1)], [squares(3)], replace(plan, seed=1), checkpoint=other)
     taught = {"checkpoint": tmp_path / "taught.checkpoint", "resume": True}
     train([squares(1)], [squares(3)], plan, teacher=one, **taught)
-    train([squares(1)], [squares(3)], plan, teacher=one, **taught)
+    again = train([squares(1)], [squares(3)], plan, teacher=one, **taught)
+    assert again.teacher == Teacher("one.checkpoint", 0.25, 2)
+    told = training_facts(again, plan, [squares(1)], [squares(3)])["teacher"]
+    assert told == {"checkpoint": "one.checkpoint", "width": 0.25, "steps": 2, "share": 0.7}
     for teacher in (other, None):
         with pytest.raises(ValueError, match="another training: teacher differ"):
             train([squares(1)], [squares(3)], plan, teacher=teacher, **taught)

@@ -79,8 +79,8 @@ def train(
         Path | None,
         typer.Option(
             "--teacher",
-            help="Checkpoint of the training of a larger network (--width), whose answers are learned beside "
-            "the labels.",
+            help="Checkpoint of the training of a larger network (--width) with the same --target, whose "
+            "answers are learned beside the labels.",
         ),
     ] = None,
     seasons: Annotated[
@@ -122,10 +122,12 @@ def train(
             "have statistics that follow"
         )
     folder = store or output.with_suffix(".frames")
-    with _writable(output, resume=resume, force=force), writable_folder(folder, parents=True):
+    read = (initial, teacher)
+    with _writable(output, read, resume=resume, force=force), writable_folder(folder, parents=True):
         from crowdfence.detector_training.frame_store import store_missions
         from crowdfence.detector_training.onnx_export import export_onnx
         from crowdfence.detector_training.report import training_facts, write_report
+        from crowdfence.detector_training.trainer import teacher_of
         from crowdfence.detector_training.trainer import train as train_network
         from crowdfence.evaluation.labelled_missions import mission_names
 
@@ -141,6 +143,11 @@ def train(
         start = _start(initial)
         if start is not None:
             plan = replace(plan, frozen_statistics=not live_statistics, vibrance=start.input.vibrance)
+        if teacher is not None and (smaller := teacher_of(teacher, plan).width) < plan.width:
+            console.warn(
+                f"--teacher {teacher} has width {smaller:g}, this training {plan.width:g}: it learns the "
+                "answers of a smaller network"
+            )
         paths, held_out = options.recordings_in(data), options.recordings_in(validation)
         twice = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
         if twice:
@@ -200,7 +207,7 @@ def train(
 
 
 @contextmanager
-def _writable(output: Path, *, resume: bool, force: bool) -> Iterator[None]:
+def _writable(output: Path, read: tuple[Path | None, ...], *, resume: bool, force: bool) -> Iterator[None]:
     """The model, and what is written beside it. What an earlier training left is its own to go on with."""
     checkpoint = output.with_suffix(".checkpoint")
     if checkpoint.exists() and not (resume or force):
@@ -208,8 +215,8 @@ def _writable(output: Path, *, resume: bool, force: bool) -> Iterator[None]:
     force = force or checkpoint.exists()
     require_replaceable(output.with_suffix(".report"), force=force)
     with ExitStack() as stack:
-        for path in (output, checkpoint):
-            stack.enter_context(replaceable_file(path, force=force))
+        stack.enter_context(replaceable_file(output, force=force))
+        stack.enter_context(replaceable_file(checkpoint, force=force, reads=read))
         yield
 
 
@@ -270,7 +277,8 @@ def _contract(
             },
             "output": {"name": "heatmap", "kind": "probability", "layout": "NCHW", "stride": STRIDE},
             "target_height_m": TARGET_HEIGHT_M[plan.targets[0]],
-            "about": {"marks": plan.targets[0], "parameters": facts["parameters"], "seed": plan.seed},
+            "about": {"marks": plan.targets[0], "parameters": facts["parameters"], "seed": plan.seed}
+            | ({"teacher": facts["teacher"]} if facts.get("teacher") else {}),
         }
     )
     if start is None:

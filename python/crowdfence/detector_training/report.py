@@ -50,6 +50,7 @@ def training_facts(
         "plan": asdict(plan),
         "parameters": sum(value.numel() for value in trained.network.deployed(0).parameters()),
         "torch": torch.__version__,
+        "teacher": None if trained.teacher is None else asdict(trained.teacher),
         "missions": {mission.name: len(mission) for mission in missions},
         "validation_missions": {mission.name: len(mission) for mission in validation},
         "skipped_frames": [why for mission in [*missions, *validation] for why in mission.skipped],

@@ -56,6 +56,17 @@ class Checkup:
     score: ValidationScore
 
 
+@dataclass(frozen=True, slots=True)
+class Teacher:
+    """What is told of a network whose answers are learned."""
+
+    checkpoint: str
+    width: float
+    steps: int
+    """Of its training so far."""
+    share: float = TAUGHT
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Trained:
     """What training ends with."""
@@ -66,6 +77,7 @@ class Trained:
     history: list[Checkup]
     """Begins with step 0, the weights that it started from, where another training made them."""
     stopped_early: bool
+    teacher: Teacher | None = None
 
     @property
     def start(self) -> Checkup | None:
@@ -112,6 +124,7 @@ def train(
         raise ValueError("the training missions hold no usable frame")
     for what, some in (("training", missions), ("validation", validation)):
         _require_crowd(what, some, plan.targets)
+    taught_by = None if teacher is None else teacher_of(teacher, plan)
     run = _Run(plan, device, {"missions": _digests(missions), "validation missions": _digests(validation)})
     if initial is not None:
         run.start_from(initial)
@@ -148,7 +161,18 @@ def train(
             if stopped:
                 break
     run.average.network.load_state_dict(run.best_state)
-    return Trained(run.average.network, run.best, run.history, stopped)
+    return Trained(run.average.network, run.best, run.history, stopped, taught_by)
+
+
+def teacher_of(path: Path, plan: TrainingPlan) -> Teacher:
+    """What there is to tell of a teacher. ValueError where a training of this plan cannot learn from it."""
+    if path.suffix == ".onnx":
+        raise ValueError(
+            f"{path} is a model; a teacher is the checkpoint that its training left beside it, "
+            f"{path.with_suffix('.checkpoint').name}"
+        )
+    state = _state_like(path, plan, ("targets", "vibrance"), torch.device("cpu"))
+    return Teacher(path.name, state["plan"]["width"], state["step"])
 
 
 def _require_crowd(what: str, missions: Sequence[StoredMission], targets: Sequence[Target]) -> None:
@@ -243,20 +267,8 @@ class _Run:
         if path.suffix == ".onnx":
             self._take(import_onnx(path, len(self._plan.targets), self._plan.width))
             return
-        self._take(self._state_like_this(path, ("targets", "width", "vibrance"))["best"])
-
-    def _state_like_this(self, path: Path, names: Sequence[str]) -> dict[str, Any]:
-        """A checkpoint whose plan agrees with this one's in `names`."""
-        state = _loaded(path, self._device)
-        for name in names:
-            of_that, of_this = state["plan"][name], getattr(self._plan, name)
-            if of_that != of_this:
-                raise ValueError(f"{path} was trained with {name} {of_that}, this training has {of_this}")
-        if not state["best"]:
-            raise ValueError(
-                f"{path} is of a training that was not validated yet: go on with it (--resume) first"
-            )
-        return state
+        names = ("targets", "width", "vibrance")
+        self._take(_state_like(path, self._plan, names, self._device)["best"])
 
     def _take(self, weights: dict[str, torch.Tensor]) -> None:
         self.network.load_state_dict(weights)
@@ -265,7 +277,7 @@ class _Run:
 
     def learn_from(self, path: Path) -> None:
         """The best weights of another training, which tell this one what they see."""
-        state = self._state_like_this(path, ("targets", "vibrance"))
+        state = _state_like(path, self._plan, ("targets", "vibrance"), self._device)
         teacher = CrowdNet(len(self._plan.targets), width=state["plan"]["width"]).to(
             self._device,
             memory_format=torch.channels_last,  # type: ignore[call-overload]
@@ -389,6 +401,20 @@ def _digest(weights: dict[str, torch.Tensor]) -> str:
     for value in weights.values():
         digest.update(value.cpu().numpy().tobytes())
     return digest.hexdigest()
+
+
+def _state_like(path: Path, plan: TrainingPlan, names: Sequence[str], device: torch.device) -> dict[str, Any]:
+    """A checkpoint whose plan agrees with this one in `names`, with weights that were validated."""
+    state = _loaded(path, device)
+    for name in names:
+        of_that, of_this = state["plan"][name], getattr(plan, name)
+        if of_that != of_this:
+            raise ValueError(f"{path} was trained with {name} {of_that}, this training has {of_this}")
+    if not state["best"]:
+        raise ValueError(
+            f"{path} is of a training that was not validated yet: go on with it (--resume) first"
+        )
+    return state
 
 
 def _loaded(path: Path, device: torch.device) -> dict[str, Any]:
