@@ -5,9 +5,9 @@ import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
-from click.testing import Result
 from typer.testing import CliRunner
 
 from crowdfence.cli.options import recordings_in
@@ -95,7 +95,7 @@ def test_a_teacher_is_looked_at_before_missions_are_decoded_and_told_of(tmp_path
     few = ["--steps", "1", "--batch", "1", "--store", str(tmp_path / "frames"), "--json"]
     given = ["train", "--data", str(data[0]), "--validation", str(data[1]), *few]
 
-    def trained(name: str, width: float, *more: str, target: str = "silhouettes") -> Result:
+    def trained(name: str, width: float, *more: str, target: str = "silhouettes") -> Any:
         whole = [*given, "--width", str(width), "--target", target, *more, "-o", str(tmp_path / name)]
         return CliRunner().invoke(app, whole)
 

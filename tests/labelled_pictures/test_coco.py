@@ -92,6 +92,20 @@ def test_masks_are_where_their_pixels_are(tmp_path: Path, packed: bool) -> None:
     assert (drawn & ~binary_dilation(mask, np.ones((3, 3)))).sum() == 0 and (mask & ~drawn).sum() == 0
 
 
+def test_masks_that_are_groups_of_people_are_told_of(tmp_path: Path) -> None:
+    """CVAT exports every mask with iscrowd: 1: people painted one by one were crowds, and nothing said so."""
+    mask = {"segmentation": {"counts": [10, 5, 64 * 48 - 15], "size": [48, 64]}}
+    one = {**mask, "iscrowd": 0}
+    group, box = {**mask, "iscrowd": 1}, {"iscrowd": 1, "bbox": [40, 10, 5, 6]}
+    marks = [one, group, group, box, {**group, "ignore": 1}, {**group, "category_id": 2}]
+    (picture,) = read_coco(written(tmp_path, document(*marks)))
+    assert len(picture.people) == 1 and len(picture.crowds) == 4 and picture.painted_groups == 2
+    (told,) = (one for one in open_labelled_pictures(tmp_path).recording.warnings if "mask" in one)
+    assert told.startswith("2 masks of people are groups (iscrowd: 1) and count as a crowd each; CVAT")
+    written(tmp_path, document(one, box))
+    assert open_labelled_pictures(tmp_path).recording.warnings == ()
+
+
 def test_nothing_is_said_of_what_is_to_be_ignored(tmp_path: Path) -> None:
     """Converters of VisDrone and of others write `ignore` beside `iscrowd`."""
     path = written(

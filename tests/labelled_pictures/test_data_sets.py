@@ -236,6 +236,20 @@ def test_an_import_tells_what_it_takes_for_nothing(tmp_path: Path) -> None:
     assert "2 marks of classes that mean nothing here: Menschenmenge" in " ".join(finished.stdout.split())
 
 
+def test_an_import_tells_which_people_were_painted_as_groups(tmp_path: Path) -> None:
+    (tmp_path / "source").mkdir()
+    labels = three_people(tmp_path / "source") / "labels.json"
+    document = json.loads(labels.read_text())
+    image = document["images"][0]
+    pixels = image["width"] * image["height"]
+    mask = {"counts": [0, 9, pixels - 9], "size": [image["height"], image["width"]]}
+    document["annotations"].append({**document["annotations"][0], "segmentation": mask, "iscrowd": 1})
+    labels.write_text(json.dumps(document))
+    finished = crowdfence("data", "import", "coco", labels.parent, "-o", tmp_path / "a", "--json")
+    assert "1 mask of people is a group (iscrowd: 1) and counts as a crowd" in finished.stderr
+    assert json.loads(finished.stdout)["painted_groups"] == 1
+
+
 def test_an_import_tells_of_labels_whose_pictures_are_not_there(tmp_path: Path) -> None:
     """An archive that was unpacked in part gave figures of whatever pictures had come."""
     source = visdrone(tmp_path / "source")

@@ -67,7 +67,7 @@ def import_data(
 
     You need the data set and its licence; nothing is downloaded.
     """
-    from crowdfence.labelled_pictures.annotated_picture import distinct, left_out_classes
+    from crowdfence.labelled_pictures.annotated_picture import distinct, left_out_classes, painted_groups
     from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
     from crowdfence.labelled_pictures.crowd_labels import picture_labels
     from crowdfence.labelled_pictures.data_sets import (
@@ -109,8 +109,11 @@ def import_data(
     again = people - sum(len(distinct(picture.people)) for picture in kept)
     left_out, left_out_text = left_out_classes(kept)
     facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people - again}
+    if groups := painted_groups(kept):
+        console.warn(groups)
     if as_json:
         more = {"left_out": left_out, "labels_without_picture": len(unpictured)}
+        more["painted_groups"] = sum(picture.painted_groups for picture in kept)
         console.print_json(
             {**facts, "pictures_with_crowd": crowds, **more, "stored_turned": len(turned), "repeated": again}
         )

@@ -39,6 +39,8 @@ class AnnotatedPicture:
     """Metres per pixel, where known for the whole picture."""
     left_out: tuple[str, ...] = ()
     """Classes of the marks in it that mean nothing, one for each mark."""
+    painted_groups: int = 0
+    """Those of `crowds` that are masks of people as a group (`iscrowd` of COCO)."""
 
 
 def people_in_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -70,6 +72,20 @@ def left_out_classes(pictures: Iterable[AnnotatedPicture]) -> tuple[dict[str, in
     others = f" and {len(counts) - _NAMED} more" if len(counts) > _NAMED else ""
     what = f"{marks} mark{'' if marks == 1 else 's'} of classes that mean nothing here: {names}{others}"
     return counts, what
+
+
+def painted_groups(pictures: Iterable[AnnotatedPicture]) -> str:
+    """In words, how many masks of people count as crowds; an empty text where there are none. COCO has such
+    of groups alone, an export of CVAT of everybody."""
+    masks = sum(picture.painted_groups for picture in pictures)
+    if not masks:
+        return ""
+    one = "1 mask of people is a group (iscrowd: 1) and counts as a crowd"
+    several = f"{masks} masks of people are groups (iscrowd: 1) and count as a crowd each"
+    return (
+        f"{one if masks == 1 else several}; CVAT exports every mask so, also that of one person: where it is "
+        "one, set its iscrowd to 0, or draw people as boxes or polygons"
+    )
 
 
 def rectangle(x: float, y: float, width: float, height: float) -> Polygon:

@@ -6,8 +6,8 @@
 
 Annotations are outlines or masks (`segmentation`), boxes (`bbox`: x, y, width, height) or points
 (`keypoints`: x, y, visibility, of which the first visible one counts). A group of people marked with
-`iscrowd` is a crowd. Of people and crowds marked with `ignore`, as converters of other data sets do, nothing
-is said.
+`iscrowd` is a crowd; such masks are counted (`painted_groups`), as CVAT exports every mask so. Of people and
+crowds marked with `ignore`, as converters of other data sets do, nothing is said.
 Our own key `gsd_m` of an image states its metres per pixel.
 """
 
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -118,6 +119,7 @@ def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list
     role_of = dict(_roles(_rows(document, "categories"), roles))
     marks: dict[Any, list[tuple[str, Mapping[str, Any], Role]]] = {}
     left_out: dict[Any, list[str]] = {}
+    groups: Counter[Any] = Counter()
     for place, row in _rows(document, "annotations"):
         key = _key(row.get("image_id"), place, "image_id")
         category = _key(row.get("category_id"), place, "category_id")
@@ -126,6 +128,7 @@ def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list
         role = role_of.get(category)
         if role == "person" and row.get("iscrowd") == 1:
             role = "crowd"
+            groups[key] += isinstance(row.get("segmentation"), dict) and row.get("ignore") != 1
         if role is not None and row.get("ignore") == 1:
             role = "ignore"
         if role is None:
@@ -141,7 +144,8 @@ def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list
             raise AnnotationError(f"{place}.id {quoted(key)} occurs twice")
         seen.add(key)
         picture = _picture(place, row, folder, marks.pop(key, []))
-        pictures.append(replace(picture, left_out=tuple(left_out.get(key, ()))))
+        unmeant = tuple(left_out.get(key, ()))
+        pictures.append(replace(picture, left_out=unmeant, painted_groups=groups[key]))
         if pictures[-1].path in files:
             name = quoted(row["file_name"])
             raise AnnotationError(

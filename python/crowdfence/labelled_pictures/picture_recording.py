@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Camera
 from crowdfence.errors import FrameError
-from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, left_out_classes
+from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, left_out_classes, painted_groups
 from crowdfence.labelled_pictures.coco import annotation_file, read_coco
 from crowdfence.labelled_pictures.crowd_labels import PictureLabels, picture_labels
 from crowdfence.sources.recording import Frame, PixelSources, Recording
@@ -52,7 +52,8 @@ def open_labelled_pictures(folder: Path) -> LabelledPictures:
     drones = tuple(dict.fromkeys(frame.drone for frame in frames))
     _, left_out = left_out_classes(pictures)
     # Where people or crowds have such a class, what shows them would pass for empty ground without a word.
-    warnings = (f"{left_out}, so where they are nobody is; {_IMPORT}",) if left_out else ()
+    meaningless = f"{left_out}, so where they are nobody is; {_IMPORT}" if left_out else ""
+    warnings = tuple(filter(None, (meaningless, painted_groups(pictures))))
     recording = Recording(folder.name, drones, frames, None, None, (), warnings, {PICTURES: str(file)}, {})
     return LabelledPictures(recording, labels.crowd, labels.ignored)
 
