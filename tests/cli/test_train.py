@@ -82,6 +82,27 @@ def test_a_model_made_from_another_is_shown_pictures_as_that_one(tmp_path: Path)
 
 
 @pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="beside other tests PyTorch is not loaded")
+@pytest.mark.parametrize(
+    ("model", "more", "message"),
+    [
+        ("crowdnet-s", [], "of a model in eight bits the one that it was made from"),
+        ("crowdnet-s-float32", ["--width", "0.5"], "no model of `crowdfence train` of width 0.5"),
+    ],
+)
+def test_a_start_that_does_not_fit_is_refused_before_missions_are_decoded(
+    tmp_path: Path, model: str, more: list[str], message: str
+) -> None:
+    """A wrong --width was told after all missions had been decoded, which takes minutes."""
+    pytest.importorskip("onnxscript")
+    from crowdfence.cli.app import app
+    from crowdfence.detector.shipped import shipped_model
+
+    given = ["train", "--data", str(tmp_path / "none"), "--validation", str(tmp_path / "other"), *more]
+    start = ["--initial", str(shipped_model(model)), "-o", str(tmp_path / "m.onnx")]
+    assert message in str(CliRunner().invoke(app, [*given, *start]).exception)
+
+
+@pytest.mark.skipif("PYTEST_XDIST_WORKER" in os.environ, reason="beside other tests PyTorch is not loaded")
 def test_a_teacher_is_looked_at_before_missions_are_decoded_and_told_of(tmp_path: Path) -> None:
     """A model as a teacher was no checkpoint, "remove it", after minutes of decoding; a smaller one taught
     without a word, and neither the report nor the model said that there had been one."""

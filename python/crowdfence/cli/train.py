@@ -127,7 +127,7 @@ def train(
         from crowdfence.detector_training.frame_store import store_missions
         from crowdfence.detector_training.onnx_export import export_onnx
         from crowdfence.detector_training.report import training_facts, write_report
-        from crowdfence.detector_training.trainer import teacher_of
+        from crowdfence.detector_training.trainer import initial_weights, teacher_of
         from crowdfence.detector_training.trainer import train as train_network
         from crowdfence.evaluation.labelled_missions import mission_names
 
@@ -143,6 +143,8 @@ def train(
         start = _start(initial)
         if start is not None:
             plan = replace(plan, frozen_statistics=not live_statistics, vibrance=start.input.vibrance)
+        if initial is not None:
+            initial_weights(initial, plan)  # what cannot be started from is said before minutes of decoding
         if teacher is not None and (smaller := teacher_of(teacher, plan).width) < plan.width:
             console.warn(
                 f"--teacher {teacher} has width {smaller:g}, this training {plan.width:g}: it learns the "

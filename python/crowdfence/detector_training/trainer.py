@@ -11,10 +11,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from crowdfence.atomic_file import atomic_path
 from crowdfence.detector_training.augmentation import varied
@@ -164,6 +165,15 @@ def train(
     return Trained(run.average.network, run.best, run.history, stopped, taught_by)
 
 
+def initial_weights(path: Path, plan: TrainingPlan, device: torch.device | None = None) -> dict[str, Tensor]:
+    """The best weights of another training, from its checkpoint or from the model that it wrote. ValueError
+    where a training of this plan cannot start from them."""
+    if path.suffix == ".onnx":
+        return import_onnx(path, len(plan.targets), plan.width)
+    state = _state_like(path, plan, ("targets", "width", "vibrance"), device or default_device())
+    return cast(dict[str, Tensor], state["best"])
+
+
 def teacher_of(path: Path, plan: TrainingPlan) -> Teacher:
     """What there is to tell of a teacher. ValueError where a training of this plan cannot learn from it."""
     if path.suffix == ".onnx":
@@ -264,11 +274,7 @@ class _Run:
 
     def start_from(self, path: Path) -> None:
         """The best weights of another training, from its checkpoint or from the model that it wrote."""
-        if path.suffix == ".onnx":
-            self._take(import_onnx(path, len(self._plan.targets), self._plan.width))
-            return
-        names = ("targets", "width", "vibrance")
-        self._take(_state_like(path, self._plan, names, self._device)["best"])
+        self._take(initial_weights(path, self._plan, self._device))
 
     def _take(self, weights: dict[str, torch.Tensor]) -> None:
         self.network.load_state_dict(weights)
