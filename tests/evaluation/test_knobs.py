@@ -69,13 +69,14 @@ def test_a_turn_scores_like_the_method_itself() -> None:
     terrain = open_terrain(recording)
     own = LogPoolConfig(alpha=0.2)
     asked = [turn for turn in turns(own) if turn.knob == "alpha"][:2]
-    rows, _, _, swept = score(
+    found = score(
         recording,
         terrain,
         [RunConfig(own), RunConfig(MovingAverageConfig())],
         truth="world",
         swept=[RunConfig(turn.method) for turn in asked],
     )
+    rows, swept = found.rows, found.swept
     alone = score(recording, terrain, [RunConfig(asked[0].method)], truth="world").rows[0]
     np.testing.assert_array_equal(swept[0].sweep.per_frame, alone.sweep.per_frame)
     assert swept[0].safety is None and rows[1].safety is not None
