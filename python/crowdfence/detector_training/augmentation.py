@@ -104,9 +104,7 @@ def _focused(image: Tensor, rng: np.random.Generator) -> Tensor:
     """One image in three sharpened, as cameras and renderers do; one in three softened by defocus, motion, or
     fewer pixels than the file claims."""
     kind = rng.integers(9, size=len(image))
-    sharpened, defocused, moved, enlarged = (
-        np.flatnonzero(one) for one in (kind < 3, *(kind == k for k in (3, 4, 5)))
-    )
+    sharpened, defocused, moved, enlarged = map(np.flatnonzero, (kind < 3, kind == 3, kind == 4, kind == 5))
     kernels = [_sharpening(rng.uniform(0.5, 1.2), rng.uniform(0.2, 1.6)) for _ in sharpened]
     kernels += [_gaussian(rng.uniform(0.4, 1.4)) for _ in defocused]
     kernels += [_streak(int(rng.integers(3, 8)), rng.uniform(0.0, math.pi)) for _ in moved]

@@ -80,7 +80,7 @@ class CropSampler:
         centre = self._centre(crowd, height, width, scale, rng)
         turn = math.radians(rng.uniform(-plan.rotation_deg, plan.rotation_deg))
         mirror = -1.0 if rng.random() < 0.5 else 1.0
-        frame_from_crop = _affine(centre, scale, turn, mirror)
+        frame_from_crop = affine(centre, scale, turn, mirror)
 
         window = _window(frame_from_crop, plan.height, plan.width, height, width)
         image = torch.from_numpy(np.array(stored.images[frame][window])).to(device)
@@ -94,9 +94,7 @@ class CropSampler:
         labels = torch.from_numpy(planes).to(device)[None].float() / 255.0
         whole = (slice(0, height), slice(0, width))
         at = _cell_grid(frame_from_crop, plan, LABEL_STRIDE, whole, device)
-        cells = functional.avg_pool2d(_resampled(labels, at, (height, width)), LABELS_PER_CELL)
-        half = cells.shape[1] // 2
-        return Batch(image, (cells[:, :half] >= 0.5).float(), (cells[:, half:] > 0.5).float())
+        return labelled_batch(image, _resampled(labels, at, (height, width)))
 
     def _scale(self, height: int, width: int, rng: np.random.Generator) -> float:
         plan = self._plan
@@ -132,10 +130,24 @@ def _with_share(chance: NDArray[np.float64], chosen: NDArray[np.bool_], share: f
     return np.where(chosen, chance * share / now, chance * (1.0 - share) / (1.0 - now))
 
 
-def _affine(centre: NDArray[np.float64], scale: float, turn: float, mirror: float) -> NDArray[np.float64]:
-    """[2, 3] frame coordinates from coordinates about the crop's middle."""
-    cosine, sine = scale * math.cos(turn), scale * math.sin(turn)
-    return np.array([[mirror * cosine, -sine, centre[0]], [mirror * sine, cosine, centre[1]]])
+def affine(
+    centre: NDArray[np.float64],
+    scale: float | NDArray[np.float64],
+    turn: float | NDArray[np.float64],
+    mirror: float | NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """[..., 2, 3] frame coordinates from coordinates about the crop's middle, which lies at `centre`."""
+    cosine, sine = scale * np.cos(turn), scale * np.sin(turn)
+    u = np.stack([mirror * cosine, -sine, centre[..., 0]], axis=-1)
+    v = np.stack([mirror * sine, cosine, centre[..., 1]], axis=-1)
+    return np.stack([u, v], axis=-2)
+
+
+def labelled_batch(image: Tensor, labels: Tensor) -> Batch:
+    """Crops with their labels [B, 2 T, h, w] at `LABEL_STRIDE`: the share of crowd of each target, then of
+    what is known."""
+    crowd, known = functional.avg_pool2d(labels, LABELS_PER_CELL).chunk(2, dim=1)
+    return Batch(image, (crowd >= 0.5).float(), (known > 0.5).float())
 
 
 def _window(

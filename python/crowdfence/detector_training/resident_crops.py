@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from crowdfence.detector_training.crops import Batch, CropPlan, CropSampler
+from crowdfence.detector_training.crops import Batch, CropPlan, CropSampler, affine, labelled_batch
 from crowdfence.detector_training.frame_store import StoredMission
-from crowdfence.detector_training.labels import LABEL_STRIDE, LABELS_PER_CELL
+from crowdfence.detector_training.labels import LABEL_STRIDE
 
 PLACES = 512
 """Crowd labels of a frame around which crops are put, drawn once where there are more."""
-
-
 _KEPT_FREE = 0.5
 """Share of a device's memory that is left to the network and its crops."""
 
@@ -98,10 +96,7 @@ class ResidentCrops:
         centre = np.clip(centre, margin, self._size - margin)
         turn = np.radians(rng.uniform(-plan.rotation_deg, plan.rotation_deg, count))
         mirror = np.where(rng.random(count) < 0.5, 1.0, -1.0)
-        cosine, sine = scale * np.cos(turn), scale * np.sin(turn)
-        u = np.stack([mirror * cosine, -sine, centre[:, 0]], axis=1)
-        v = np.stack([mirror * sine, cosine, centre[:, 1]], axis=1)
-        return np.stack([u, v], axis=1)
+        return affine(centre, scale, turn, mirror)
 
     def _cropped(self, chosen: NDArray[np.int64], frames_from_crops: NDArray[np.float64]) -> Batch:
         index = torch.from_numpy(chosen).to(self._device)
@@ -109,11 +104,7 @@ class ResidentCrops:
         # Bilinear values would show the network softer pictures than those it will be used on.
         image = self._resampled(images, frames_from_crops, 1, "bicubic").clamp_(0.0, 1.0)
         labels = self._labels[index].float() / 255.0
-        cells = functional.avg_pool2d(
-            self._resampled(labels, frames_from_crops, LABEL_STRIDE, "bilinear"), LABELS_PER_CELL
-        )
-        half = cells.shape[1] // 2
-        return Batch(image, (cells[:, :half] >= 0.5).float(), (cells[:, half:] > 0.5).float())
+        return labelled_batch(image, self._resampled(labels, frames_from_crops, LABEL_STRIDE, "bilinear"))
 
     def _resampled(
         self, values: Tensor, frames_from_crops: NDArray[np.float64], stride: int, mode: str

@@ -125,12 +125,10 @@ def train(
         raise ValueError("the training missions hold no usable frame")
     for what, some in (("training", missions), ("validation", validation)):
         _require_crowd(what, some, plan.targets)
-    taught_by = None if teacher is None else teacher_of(teacher, plan)
     run = _Run(plan, device, {"missions": _digests(missions), "validation missions": _digests(validation)})
     if initial is not None:
         run.start_from(initial)
-    if teacher is not None:
-        run.learn_from(teacher)
+    taught_by = None if teacher is None else run.learn_from(teacher)
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
     elif initial is not None:
@@ -176,13 +174,18 @@ def initial_weights(path: Path, plan: TrainingPlan, device: torch.device | None 
 
 def teacher_of(path: Path, plan: TrainingPlan) -> Teacher:
     """What there is to tell of a teacher. ValueError where a training of this plan cannot learn from it."""
+    return _teacher(path, plan, torch.device("cpu"))[0]
+
+
+def _teacher(path: Path, plan: TrainingPlan, device: torch.device) -> tuple[Teacher, dict[str, Tensor]]:
+    """With its best weights."""
     if path.suffix == ".onnx":
         raise ValueError(
             f"{path} is a model; a teacher is the checkpoint that its training left beside it, "
             f"{path.with_suffix('.checkpoint').name}"
         )
-    state = _state_like(path, plan, ("targets", "vibrance"), torch.device("cpu"))
-    return Teacher(path.name, state["plan"]["width"], state["step"])
+    state = _state_like(path, plan, ("targets", "vibrance"), device)
+    return Teacher(path.name, state["plan"]["width"], state["step"]), state["best"]
 
 
 def _require_crowd(what: str, missions: Sequence[StoredMission], targets: Sequence[Target]) -> None:
@@ -281,16 +284,17 @@ class _Run:
         self.average.network.load_state_dict(weights)
         self._origin["start (--initial)"] = _digest(weights)
 
-    def learn_from(self, path: Path) -> None:
+    def learn_from(self, path: Path) -> Teacher:
         """The best weights of another training, which tell this one what they see."""
-        state = _state_like(path, self._plan, ("targets", "vibrance"), self._device)
-        teacher = CrowdNet(len(self._plan.targets), width=state["plan"]["width"]).to(
+        told, weights = _teacher(path, self._plan, self._device)
+        teacher = CrowdNet(len(self._plan.targets), width=told.width).to(
             self._device,
             memory_format=torch.channels_last,  # type: ignore[call-overload]
         )
-        teacher.load_state_dict(state["best"])
+        teacher.load_state_dict(weights)
         self._teacher = teacher.eval().requires_grad_(False)
-        self._origin["teacher"] = _digest(state["best"])
+        self._origin["teacher"] = _digest(weights)
+        return told
 
     def measure(self, images: torch.Tensor) -> None:
         """Take the statistics of these images; nothing that the network says changes."""

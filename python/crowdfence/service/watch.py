@@ -284,15 +284,14 @@ class Watch:
         """Of drones that looked at nothing that others showed since the start nobody knows: what was raised
         before stays. What one that is left out sees opens nothing. Who acknowledged it did so for what was
         seen until then: another occasion is told again."""
-        mission, alerts = self._service.mission, self._service.alerts
-        for drone, denial in mission.denied_crowd.now(self._service.now_ns()).items():
+        mission, alerts, now_ns = self._service.mission, self._service.alerts, self._service.now_ns()
+        for drone, denial in mission.denied_crowd.now(now_ns).items():
             known = alerts.active("denied_crowd", drone)
             if denial is None or drone in mission.left_out:
                 self._set(False, "denied_crowd", "alarm", "", drone=drone)
                 continue
             seen_ns = None if known is None else known.acknowledged_ns
             is_new = seen_ns is not None and denial.since_ns > seen_ns
-            now_ns = self._service.now_ns()
             alerts.raise_("denied_crowd", "alarm", denial.text, now_ns, drone=drone, is_new=is_new)
 
     def _left_out(self) -> None:
