@@ -175,8 +175,8 @@ impl Bench {
     fn instant(&mut self, mode: &str, views: std::ops::Range<usize>, threads: usize) -> Result<String> {
         self.stamp_ns += 100_000_000;
         for (drone, view) in self.views[views.clone()].iter_mut().enumerate() {
-            view.drone = format!("drone {drone}");
-            view.stamp_ns = self.stamp_ns;
+            let (pose, heatmap) = (view.world_from_camera(), view.heatmap().clone());
+            *view = View::new(format!("drone {drone}"), self.stamp_ns, view.camera().clone(), pose, heatmap)?;
         }
         let (terrain, views, map) = (&self.terrain, &self.views[views], &mut self.map);
         let (projection, stamp_ns) = (projection(mode)?, self.stamp_ns);
@@ -200,7 +200,7 @@ impl Bench {
     fn dump(&mut self, mode: &str, view: usize, path: &str) -> Result<()> {
         let view = &self.views[view];
         let mut map = crowd_map(&self.terrain, mode, 1)?;
-        let update = map.integrate(std::slice::from_ref(view), view.stamp_ns)?;
+        let update = map.integrate(std::slice::from_ref(view), view.stamp_ns())?;
         let seen = update.observations[0].seen();
         let mut file = BufWriter::new(File::create(path)?);
         for (at, index) in self.terrain.indices_of(&seen.ids).into_iter().enumerate() {

@@ -48,39 +48,39 @@ impl PyView {
     /// Name of the drone.
     #[getter]
     fn drone(&self) -> &str {
-        &self.0.drone
+        self.0.drone()
     }
 
     /// When the image was exposed, nanoseconds since the Unix epoch.
     #[getter]
     fn stamp_ns(&self) -> i64 {
-        self.0.stamp_ns
+        self.0.stamp_ns()
     }
 
     /// Intrinsics of the image.
     #[getter]
     fn camera(&self) -> PyCamera {
-        PyCamera(self.0.camera.clone())
+        PyCamera(self.0.camera().clone())
     }
 
     /// Rigid transform [4, 4] float64, camera axes -> local ENU metres.
     #[getter]
     fn world_from_camera<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        rows(py, self.0.world_from_camera.to_matrix().concat(), 4)
+        rows(py, self.0.world_from_camera().to_matrix().concat(), 4)
     }
 
     /// Heatmap [h, w] float32 in [0, 1]; 0 in cells that were not looked at.
     #[getter]
     fn heatmap<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let values = self.0.heatmap.values().to_vec();
-        values.into_pyarray(py).reshape(self.0.heatmap.shape())
+        let values = self.0.heatmap().values().to_vec();
+        values.into_pyarray(py).reshape(self.0.heatmap().shape())
     }
 
     /// Cells [h, w] of the heatmap that were looked at; None: all of them.
     #[getter]
     fn looked_at<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<bool>>>> {
-        let looked_at = self.0.heatmap.looked_at();
-        looked_at.map(|cells| cells.to_vec().into_pyarray(py).reshape(self.0.heatmap.shape())).transpose()
+        let looked_at = self.0.heatmap().looked_at();
+        looked_at.map(|cells| cells.to_vec().into_pyarray(py).reshape(self.0.heatmap().shape())).transpose()
     }
 
     fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<ViewArguments<'py>> {
@@ -94,8 +94,8 @@ impl PyView {
     }
 
     fn __repr__(&self) -> String {
-        let [height, width] = self.0.heatmap.shape();
-        format!("View({:?}, stamp_ns={}, heatmap {height}x{width})", self.0.drone, self.0.stamp_ns)
+        let [height, width] = self.0.heatmap().shape();
+        format!("View({:?}, stamp_ns={}, heatmap {height}x{width})", self.0.drone(), self.0.stamp_ns())
     }
 }
 

@@ -28,7 +28,7 @@ use sighting::{Sighting, seen_voxels};
 /// Back-projects a view. A camera inside the terrain or below it, or one that `target_height_m` would push through it,
 /// sees nothing: its rays would pass below the surface and mark places it never saw.
 ///
-/// The terrain is painted on the image ([`raster`]). Through a lens so wide that no pinhole could see as much, every
+/// The terrain is painted on the image. Through a lens so wide that no pinhole could see as much, every
 /// pixel has its ray ([`project_by_rays`]). Both mean the same.
 pub fn project(view: &View, terrain: &Terrain, projection: &Projection) -> Observation {
     let lens = match view.camera.distortion() {

@@ -42,6 +42,7 @@ pub const MAX_PRINCIPAL_POINT_PX: f64 = 1e7;
 /// Largest magnitude of a distortion coefficient.
 pub const MAX_DISTORTION_COEFFICIENT: f64 = 1e9;
 
+/// A calibrated camera: image size, pinhole intrinsics, lens distortion. Checked when it is made.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     width: u32,
@@ -120,30 +121,37 @@ impl Camera {
         })
     }
 
+    /// Pixels along a row of the image.
     pub fn width(&self) -> u32 {
         self.width
     }
 
+    /// Rows of the image.
     pub fn height(&self) -> u32 {
         self.height
     }
 
+    /// Focal length along rows, pixels.
     pub fn fx(&self) -> f64 {
         self.focal_px.x
     }
 
+    /// Focal length along columns, pixels.
     pub fn fy(&self) -> f64 {
         self.focal_px.y
     }
 
+    /// Principal point, pixels from the left edge of the image.
     pub fn cx(&self) -> f64 {
         self.principal_px.x
     }
 
+    /// Principal point, pixels from the upper edge of the image.
     pub fn cy(&self) -> f64 {
         self.principal_px.y
     }
 
+    /// The lens model.
     pub fn distortion(&self) -> &Distortion {
         &self.distortion
     }

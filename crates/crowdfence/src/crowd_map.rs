@@ -43,6 +43,7 @@ use reading::{Reading, StateRule};
 /// it saw is as old as it is.
 pub const SIMULTANEOUS_S: f64 = 1.0;
 
+/// Belief in crowd per voxel of one terrain, and who looked when. Same views in, same map out, to the bit.
 #[derive(Debug, Clone)]
 pub struct CrowdMap {
     terrain: Arc<Terrain>,
@@ -58,9 +59,11 @@ pub struct CrowdMap {
 /// What one instant changed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Update {
+    /// Stamp of the instant.
     pub stamp_ns: i64,
     /// Voxels seen by any drone, sorted, and their probability after the instant.
     pub voxel_ids: Vec<u32>,
+    /// P(A = 1) of each of `voxel_ids`, at `stamp_ns`.
     pub probability: Vec<f64>,
     /// One per view, in the order given.
     pub observations: Vec<Arc<Observation>>,
@@ -253,18 +256,22 @@ impl CrowdMap {
         self.history.drones()
     }
 
+    /// The terrain whose voxels it is about.
     pub fn terrain(&self) -> &Arc<Terrain> {
         &self.terrain
     }
 
+    /// How looks become belief, with its parameters.
     pub fn method(&self) -> Method {
         self.beliefs.method()
     }
 
+    /// How views become observations. Its crowd threshold is the method's.
     pub fn projection(&self) -> &Projection {
         &self.projection
     }
 
+    /// Longest time between instants, and between a view and its instant, seconds.
     pub fn max_gap_s(&self) -> f64 {
         self.max_gap_s
     }

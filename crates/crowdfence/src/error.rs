@@ -9,8 +9,11 @@ use crate::terrain::MAX_HEIGHT;
 use crate::terrain::octomap::OctomapError;
 use crate::terrain::triangles::TrianglesError;
 
+/// Of everything here that can refuse its input.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
+/// Why an input was refused; [`Error::kind`] says which kind of input. The message of a variant is its documentation.
+#[allow(missing_docs)]
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Error {
     #[error(transparent)]

@@ -1,12 +1,6 @@
-//! Multiview Bayesian fusion of human crowd detections onto known 3D terrain.
-//!
-//! In one line: [`project`] every view onto the [`Terrain`], let a [`Method`] fuse what the views of one instant
-//! say ([`Paper`]: [`OpinionPool`], equations 1-2, then [`TemporalBlend`], equation 3), store it; [`CrowdMap`]
-//! does the three in that order. Everything is arithmetic: no files, no network, no clock.
-//!
-//! World coordinates are local east-north-up metres, cameras have OpenCV axes (x right, y down, z forward)
-//! and stamps are nanoseconds since the Unix epoch.
+#![doc = include_str!("../README.md")]
 #![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 pub mod back_projection;
 pub mod camera;
@@ -22,6 +16,9 @@ pub mod temporal_blend;
 pub mod terrain;
 pub mod vibrance;
 pub mod view;
+
+/// Vectors and matrices in the signatures.
+pub use glam;
 
 pub use back_projection::{Coverage, Projection, project, project_by_rays};
 pub use camera::{Camera, Distortion};

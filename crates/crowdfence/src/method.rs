@@ -28,6 +28,7 @@ pub use paper::{DecayUnit, Initial, Paper};
 /// What one view says about one voxel that it sees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoxelLook {
+    /// Voxel of the terrain.
     pub voxel_id: u32,
     /// Position of the view among those of the instant.
     pub view: u32,
@@ -35,8 +36,11 @@ pub struct VoxelLook {
     pub drone: u32,
     /// m_i of equation 1.
     pub mean: f64,
+    /// Pixels whose ray first hits the voxel; 0 where it lies between them.
     pub pixel_count: u32,
+    /// From the camera to the place, metres.
     pub range_m: f32,
+    /// Of the line of sight below the horizon, degrees: 90 is straight down, negative upwards.
     pub tilt_deg: f32,
     /// Focal length of the camera in pixels; 0 = nobody said.
     pub focal_px: f32,
@@ -61,7 +65,9 @@ pub(crate) fn clearly_above(log_odds: f32, threshold: f64) -> bool {
 /// Time since the last look at a voxel, in the units that methods count in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Elapsed {
+    /// Of the views' clocks.
     pub seconds: f64,
+    /// Instants that were integrated since.
     pub instants: u64,
 }
 
@@ -74,6 +80,7 @@ pub enum InstantOrder {
     Any,
 }
 
+/// What a method of fusion decides: what is kept of looks, what time leaves of it, and what that says of crowd.
 pub trait FusionMethod: Clone + Send + Sync {
     /// What is kept per voxel that was seen, as of its last look.
     type Belief: Copy + Send + Sync;
@@ -82,7 +89,9 @@ pub trait FusionMethod: Clone + Send + Sync {
     /// What time leaves of a belief: the same for all voxels that were last seen together, so worked out once
     /// for them.
     type Fading: Copy + Send + Sync;
+    /// As in configurations, files and reports.
     const NAME: &'static str;
+    /// In which order instants may come.
     const ORDER: InstantOrder;
 
     /// Most drones that may ever give a view; None = any number.
@@ -165,9 +174,13 @@ pub trait FusionMethod: Clone + Send + Sync {
 /// A parameter as a report shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Parameter {
+    /// A quantity or a probability.
     Number(f64),
+    /// How many.
     Count(usize),
+    /// On or off.
     Switch(bool),
+    /// One of several, by name.
     Choice(&'static str),
 }
 
@@ -183,12 +196,19 @@ pub(crate) trait Stored: FusionMethod {
 /// One of the methods.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Method {
+    /// The default: calibrated log odds, averaged; see [`Evidence`].
     Evidence(Evidence),
+    /// Equations 1-3 as printed, unsafe; see [`Paper`].
     Paper(Paper),
+    /// The paper's baseline, which never forgets; see [`Or`].
     Or(Or),
+    /// For comparison: the paper's equations, repaired; see [`LinearPool`].
     LinearPool(LinearPool),
+    /// For comparison: the logarithmic opinion pool; see [`LogPool`].
     LogPool(LogPool),
+    /// For comparison: log odds between clamps, as in OctoMap; see [`LogOdds`].
     LogOdds(LogOdds),
+    /// For comparison: the mean of all looks; see [`MovingAverage`].
     MovingAverage(MovingAverage),
 }
 
@@ -213,6 +233,7 @@ fn name_of<M: FusionMethod>(_: &M) -> &'static str {
 }
 
 impl Method {
+    /// See [`FusionMethod::NAME`].
     pub fn name(&self) -> &'static str {
         each_method!(self, Method, method => name_of(method))
     }

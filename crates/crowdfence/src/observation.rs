@@ -25,6 +25,7 @@ pub struct Observation {
 /// The voxels that a view sees: parallel columns, sorted by id.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SeenVoxels {
+    /// Voxels of the terrain, increasing.
     pub ids: Vec<u32>,
     /// m_i: mean heatmap value over the pixels whose ray first hits the voxel, in [0, 1].
     pub mean: Vec<f64>,
@@ -71,46 +72,57 @@ impl Observation {
         Ok(Observation { focal_px, ..self })
     }
 
+    /// Focal length of the camera, pixels; 0 = nobody said.
     pub fn focal_px(&self) -> f32 {
         self.focal_px
     }
 
+    /// Whose voxels the ids are.
     pub fn terrain(&self) -> TerrainKey {
         self.terrain
     }
 
+    /// Name of the drone.
     pub fn drone(&self) -> &str {
         &self.drone
     }
 
+    /// When the picture was taken.
     pub fn stamp_ns(&self) -> i64 {
         self.stamp_ns
     }
 
+    /// The voxels that it sees.
     pub fn seen(&self) -> &SeenVoxels {
         &self.seen
     }
 
+    /// [`SeenVoxels::ids`].
     pub fn voxel_ids(&self) -> &[u32] {
         &self.seen.ids
     }
 
+    /// [`SeenVoxels::mean`].
     pub fn mean(&self) -> &[f64] {
         &self.seen.mean
     }
 
+    /// [`SeenVoxels::pixel_count`].
     pub fn pixel_count(&self) -> &[u32] {
         &self.seen.pixel_count
     }
 
+    /// [`SeenVoxels::range_m`].
     pub fn range_m(&self) -> &[f32] {
         &self.seen.range_m
     }
 
+    /// [`SeenVoxels::tilt_deg`].
     pub fn tilt_deg(&self) -> &[f32] {
         &self.seen.tilt_deg
     }
 
+    /// Voxels in the image and in range that something hides, sorted.
     pub fn occluded_ids(&self) -> &[u32] {
         &self.occluded_ids
     }

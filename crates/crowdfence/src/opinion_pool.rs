@@ -26,10 +26,12 @@ impl Rates {
         Ok(Rates { true_positive, false_positive })
     }
 
+    /// P(B = 1 | A = 1).
     pub fn true_positive(&self) -> f64 {
         self.true_positive
     }
 
+    /// P(B = 1 | A = 0).
     pub fn false_positive(&self) -> f64 {
         self.false_positive
     }
@@ -45,6 +47,7 @@ pub enum Unseen {
 }
 
 impl Unseen {
+    /// As in configurations and reports: `fleet` or `visible`.
     pub fn name(self) -> &'static str {
         match self {
             Unseen::Fleet => "fleet",
@@ -53,6 +56,7 @@ impl Unseen {
     }
 }
 
+/// Equations 1-2 with their parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OpinionPool {
     rates: Rates,
@@ -96,22 +100,27 @@ impl OpinionPool {
         })
     }
 
+    /// The detector's rates.
     pub fn rates(&self) -> Rates {
         self.rates
     }
 
+    /// P(A = 1).
     pub fn prior(&self) -> f64 {
         self.prior
     }
 
+    /// What m must exceed for b = 1.
     pub fn b_threshold(&self) -> f64 {
         self.b_threshold
     }
 
+    /// What a drone says that does not see the voxel.
     pub fn unseen(&self) -> Unseen {
         self.unseen
     }
 
+    /// Whether weights are divided by their sum.
     pub fn normalise(&self) -> bool {
         self.normalise
     }

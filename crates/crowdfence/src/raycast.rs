@@ -16,6 +16,7 @@ use crate::terrain::{Surface, Terrain};
 /// Where a ray first meets the terrain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
+    /// The voxel that is met.
     pub voxel_id: u32,
     /// From the ray's origin.
     pub distance_m: f64,

@@ -6,6 +6,7 @@
 
 use crate::error::{Error, Result, require};
 
+/// Equation 3 with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemporalBlend {
     alpha: f64,
@@ -21,10 +22,12 @@ impl TemporalBlend {
         Ok(TemporalBlend { alpha, decay })
     }
 
+    /// Weight of the newest instant.
     pub fn alpha(&self) -> f64 {
         self.alpha
     }
 
+    /// lambda, per unit of the elapsed time.
     pub fn decay(&self) -> f64 {
         self.decay
     }

@@ -56,6 +56,8 @@ const FRAME: [&str; 4] = ["voxel_size_m", "origin x", "origin y", "origin z"];
 /// Grid index of a voxel.
 type Index = [i32; 3];
 
+/// The known terrain: voxels, and where in each the surface lies. Never changed once it is made, so views of many
+/// drones share one in an `Arc`.
 #[derive(Debug, Clone)]
 pub struct Terrain {
     origin: DVec3,
@@ -260,14 +262,17 @@ impl Terrain {
         Ok(Terrain { origin, fingerprint, ..self.clone() })
     }
 
+    /// How many voxels; their ids are 0 to one less.
     pub fn voxel_count(&self) -> usize {
         self.tree.voxel_count()
     }
 
+    /// Side of a voxel, metres.
     pub fn voxel_size_m(&self) -> f64 {
         self.voxel_size_m
     }
 
+    /// Where voxel (0, 0, 0) begins, world metres.
     pub fn origin(&self) -> DVec3 {
         self.origin
     }
@@ -363,6 +368,7 @@ impl Terrain {
         self.key().check_id(id)
     }
 
+    /// What tells it from other terrains.
     pub fn key(&self) -> TerrainKey {
         TerrainKey { fingerprint: self.fingerprint(), voxel_count: self.voxel_count() }
     }

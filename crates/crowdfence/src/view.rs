@@ -13,16 +13,19 @@ use crate::stamp::check_stamp;
 /// Quaternions written with four decimals pass, a scaled or sheared matrix does not.
 const RIGID_TOLERANCE: f64 = 1e-4;
 
+/// What one drone saw at one instant.
 #[derive(Debug, Clone)]
 pub struct View {
-    pub drone: String,
-    pub stamp_ns: i64,
-    pub camera: Arc<Camera>,
-    pub world_from_camera: Pose,
-    pub heatmap: Heatmap,
+    pub(crate) drone: String,
+    pub(crate) stamp_ns: i64,
+    pub(crate) camera: Arc<Camera>,
+    pub(crate) world_from_camera: Pose,
+    pub(crate) heatmap: Heatmap,
 }
 
 impl View {
+    /// Errors: a drone without a name, a negative stamp, a heatmap that is no reduction of the camera's image by one
+    /// stride ([`Error::HeatmapShape`]).
     pub fn new(
         drone: impl Into<String>,
         stamp_ns: i64,
@@ -37,6 +40,31 @@ impl View {
         check_stamp(stamp_ns)?;
         heatmap.check_covers(&camera)?;
         Ok(View { drone, stamp_ns, camera, world_from_camera, heatmap })
+    }
+
+    /// Name of the drone, not empty.
+    pub fn drone(&self) -> &str {
+        &self.drone
+    }
+
+    /// When the picture was taken, nanoseconds since the Unix epoch.
+    pub fn stamp_ns(&self) -> i64 {
+        self.stamp_ns
+    }
+
+    /// The camera; views that share one share what it works out once.
+    pub fn camera(&self) -> &Arc<Camera> {
+        &self.camera
+    }
+
+    /// Where the camera was and looked.
+    pub fn world_from_camera(&self) -> Pose {
+        self.world_from_camera
+    }
+
+    /// What the detector says of the picture.
+    pub fn heatmap(&self) -> &Heatmap {
+        &self.heatmap
     }
 
     /// Heatmap value read by the pixel in `column` and `row` of the image.
@@ -92,11 +120,11 @@ fn cell(pixel: u32, cells: usize, pixels: u32) -> usize {
     (2 * pixel as usize + 1) * cells / (2 * pixels as usize)
 }
 
-/// Rigid transform from camera axes to the world.
+/// Rigid transform from camera axes (x right, y down, z forward) to the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
-    pub rotation: DMat3,
-    pub translation: DVec3,
+    pub(crate) rotation: DMat3,
+    pub(crate) translation: DVec3,
 }
 
 impl Pose {
@@ -127,6 +155,22 @@ impl Pose {
         Ok(Pose { rotation, translation: DVec3::new(rows[0][3], rows[1][3], rows[2][3]) })
     }
 
+    /// The same from its parts.
+    pub fn new(rotation: DMat3, translation: DVec3) -> Result<Pose> {
+        Pose::from_matrix(&Pose { rotation, translation }.to_matrix())
+    }
+
+    /// Turns camera axes into those of the world.
+    pub fn rotation(&self) -> DMat3 {
+        self.rotation
+    }
+
+    /// Position of the camera, world metres.
+    pub fn translation(&self) -> DVec3 {
+        self.translation
+    }
+
+    /// Row-major [R t; 0 0 0 1], the inverse of [`Pose::from_matrix`].
     pub fn to_matrix(&self) -> [[f64; 4]; 4] {
         let mut rows = [[0.0, 0.0, 0.0, 1.0]; 4];
         for (row, values) in rows.iter_mut().take(3).enumerate() {
@@ -149,6 +193,9 @@ pub struct Heatmap {
 }
 
 impl Heatmap {
+    /// `values` row after row, each in [0, 1].
+    ///
+    /// Errors: no cell, a length that is not `height` times `width`, a value outside or NaN, by its row and column.
     pub fn new(values: Vec<f32>, height: usize, width: usize) -> Result<Heatmap> {
         if height == 0 || width == 0 {
             return Err(Error::EmptyHeatmap { height, width });
@@ -181,6 +228,7 @@ impl Heatmap {
         Heatmap::new(values, height, width)
     }
 
+    /// Row after row; 0 in cells that were not looked at.
     pub fn values(&self) -> &[f32] {
         &self.values
     }
@@ -322,5 +370,13 @@ mod tests {
         }
         let pose = Pose::from_matrix(&IDENTITY).unwrap();
         assert_eq!(pose.to_matrix(), IDENTITY);
+
+        let rotation = DMat3::from_rotation_z(0.3);
+        let pose = Pose::new(rotation, DVec3::new(1.0, 2.0, 3.0)).unwrap();
+        assert_eq!((pose.rotation(), pose.translation()), (rotation, DVec3::new(1.0, 2.0, 3.0)));
+        let message = Pose::new(-rotation, DVec3::ZERO).unwrap_err().to_string();
+        assert!(message.contains("det R is off"), "{message}");
+        let message = Pose::new(rotation, DVec3::new(0.0, f64::INFINITY, 0.0)).unwrap_err().to_string();
+        assert!(message.contains("inf at row 1, column 3"), "{message}");
     }
 }

@@ -80,7 +80,7 @@ fn check_map(mut map: CrowdMap) {
 fn look(drone: &str, at: [f64; 3], m: f32, stamp_ns: i64) -> View {
     let camera = Camera::new(4, 4, 8.0, 8.0, 2.0, 2.0, Distortion::None).unwrap();
     let down = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
-    let pose = Pose { rotation: down, translation: at.into() };
+    let pose = Pose::new(down, at.into()).unwrap();
     View::new(drone, stamp_ns, Arc::new(camera), pose, Heatmap::new(vec![m], 1, 1).unwrap()).unwrap()
 }
 
@@ -148,8 +148,8 @@ fn valid_file() -> impl Strategy<Value = Vec<u8>> {
                 .iter()
                 .map(|&(drone, x, y, m)| look(["a", "b", "c"][drone], [x, y, 9.0], m, stamp_ns))
                 .collect();
-            views.sort_by(|a, b| a.drone.cmp(&b.drone));
-            views.dedup_by(|a, b| a.drone == b.drone);
+            views.sort_by(|a, b| a.drone().cmp(b.drone()));
+            views.dedup_by(|a, b| a.drone() == b.drone());
             map.integrate(&views, stamp_ns).unwrap();
         }
         map.to_bytes()

@@ -53,7 +53,7 @@ fn view() -> View {
     let camera = Camera::new(width, height, 320.0, 320.0, 320.0, 240.0, Distortion::None).unwrap();
     let values = (0..width * height).map(|pixel| (pixel % 97) as f32 / 200.0).collect();
     let heatmap = Heatmap::new(values, height as usize, width as usize).unwrap();
-    let pose = Pose { rotation, translation: DVec3::new(150.0, 120.0, 50.0) };
+    let pose = Pose::new(rotation, DVec3::new(150.0, 120.0, 50.0)).unwrap();
     View::new("drone", 0, Arc::new(camera), pose, heatmap).unwrap()
 }
 

@@ -135,7 +135,7 @@ fn one_voxel_map(paper: Paper) -> CrowdMap {
 fn look(drone: &str, m: f64, stamp_ns: i64) -> View {
     let camera = Camera::new(1, 1, 100.0, 100.0, 0.5, 0.5, Distortion::None).unwrap();
     let down = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
-    let pose = Pose { rotation: down, translation: DVec3::new(0.5, 0.5, 10.0) };
+    let pose = Pose::new(down, DVec3::new(0.5, 0.5, 10.0)).unwrap();
     let heatmap = Heatmap::new(vec![m as f32], 1, 1).unwrap();
     View::new(drone, stamp_ns, Arc::new(camera), pose, heatmap).unwrap()
 }

@@ -15,6 +15,7 @@ pub enum Coverage {
 }
 
 impl Coverage {
+    /// As in configurations and reports: `rays` or `full`.
     pub fn name(self) -> &'static str {
         match self {
             Coverage::Rays => "rays",
@@ -30,6 +31,7 @@ pub const DEFAULT_CROWD_THRESHOLD: f64 = 0.5;
 /// People are marked at their heads at most, on a stage or a float at most so high.
 const HIGHEST_TARGET_M: f64 = 100.0;
 
+/// How views are back-projected, checked once. The default surface is [`Surface::Planes`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
     max_range_m: f64,
@@ -68,22 +70,27 @@ impl Projection {
         Projection { surface, ..self }
     }
 
+    /// Largest distance along a ray, metres.
     pub fn max_range_m(&self) -> f64 {
         self.max_range_m
     }
 
+    /// Height above ground at which people are marked, metres.
     pub fn target_height_m(&self) -> f64 {
         self.target_height_m
     }
 
+    /// Which voxels count as seen.
     pub fn coverage(&self) -> Coverage {
         self.coverage
     }
 
+    /// Heatmap value above which a pixel shows crowd.
     pub fn crowd_threshold(&self) -> f64 {
         self.crowd_threshold
     }
 
+    /// What of the terrain rays meet.
     pub fn surface(&self) -> Surface {
         self.surface
     }

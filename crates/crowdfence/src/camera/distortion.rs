@@ -5,9 +5,11 @@ use super::CameraError;
 pub enum Distortion {
     /// A plain pinhole.
     None,
-    /// Radial and tangential distortion of the image plane, as in OpenCV's calibration.
+    /// Radial (k1, k2, k3) and tangential (p1, p2) distortion of the image plane, as in OpenCV's calibration.
+    #[allow(missing_docs)]
     BrownConrady { k1: f64, k2: f64, p1: f64, p2: f64, k3: f64 },
     /// Polynomial in the angle off the axis, as in OpenCV's fisheye module.
+    #[allow(missing_docs)]
     KannalaBrandt { k1: f64, k2: f64, k3: f64, k4: f64 },
 }
 

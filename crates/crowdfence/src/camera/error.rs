@@ -5,7 +5,8 @@ use super::{
 };
 use crate::error::short;
 
-/// Why a camera cannot be made, or cannot answer.
+/// Why a camera cannot be made, or cannot answer. The message of a variant is its documentation.
+#[allow(missing_docs)]
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum CameraError {
     #[error("image is {width} x {height} pixels: width and height must be at least 1")]

@@ -17,6 +17,7 @@ const SPARE: f64 = 1.1;
 /// Cells along each side of the grid in which places are found again.
 const CELLS: usize = 96;
 
+/// Where a pinhole sees what each pixel of a lens that distorts sees, see [`Camera::ideal_pixels`].
 #[derive(Debug, Clone)]
 pub struct IdealPixels {
     width: usize,

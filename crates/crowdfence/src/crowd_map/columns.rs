@@ -21,11 +21,13 @@ pub struct CrowdColumns {
 /// One column of voxels, of which at least one was asked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CrowdColumn {
-    /// Grid indices.
+    /// Grid index along x.
     pub i: i32,
+    /// Grid index along y.
     pub j: i32,
-    /// Grid indices k of the lowest and of the highest voxel of the terrain.
+    /// Grid index k of the lowest voxel of the terrain there.
     pub bottom: i32,
+    /// Grid index k of the highest.
     pub top: i32,
     /// How many of its voxels were asked for.
     pub crowd_count: u32,

@@ -55,6 +55,7 @@ const SEEN_HOW: [(Coverage, Surface); 4] = [
 const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 6 };
 
 impl CrowdMap {
+    /// The whole map in the format above, to go on with later: the terrain is not in it, only its key.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut payload = Writer::default();
         let key = self.terrain.key();
@@ -86,6 +87,10 @@ impl CrowdMap {
         KIND.seal(payload)
     }
 
+    /// The inverse, on the terrain that the map was made on.
+    ///
+    /// Errors: [`Error::OtherTerrain`](crate::Error::OtherTerrain) on any other, [`Error::NotOfKind`](crate::Error::NotOfKind),
+    /// [`Error::FormatVersion`](crate::Error::FormatVersion) and [`Error::Damaged`](crate::Error::Damaged) for what is no map of ours.
     pub fn from_bytes(data: &[u8], terrain: Arc<Terrain>) -> Result<CrowdMap> {
         let (version, mut reader) = KIND.open(data)?;
         let key = TerrainKey { fingerprint: reader.u64()?, voxel_count: reader.u64()? as usize };

@@ -12,6 +12,7 @@ pub enum VoxelState {
     Empty = 2,
     /// The last look left it empty, but too long ago to be evidence of absence.
     Stale = 3,
+    /// P is at or above the threshold.
     Crowd = 4,
     /// Seen, not crowd now, and never mind how long ago: the last look did not leave it empty. From too far, too flat,
     /// too little; or crowd was seen, and is forgotten by now, or outweighed by drones that see nobody.
@@ -21,6 +22,7 @@ pub enum VoxelState {
 /// In full.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoxelKnowledge {
+    /// In one word.
     pub state: VoxelState,
     /// Of crowd; of a voxel that nobody has seen the method's initial value, which says nothing about the place.
     pub probability: f64,

@@ -6,6 +6,7 @@ use super::{LikelihoodRatio, VoxelLook};
 use crate::error::{Result, require};
 use crate::sealed::{Reader, Writer};
 
+/// How strongly a look speaks for crowd, and how much crowd there is anyway.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
     likelihood: Arc<LikelihoodRatio>,
@@ -22,14 +23,17 @@ impl Calibration {
         Ok(Calibration { likelihood, prior, focal_px })
     }
 
+    /// The table of likelihood ratios.
     pub fn likelihood(&self) -> &Arc<LikelihoodRatio> {
         &self.likelihood
     }
 
+    /// P(A = 1) where nobody has looked.
     pub fn prior(&self) -> f64 {
         self.prior
     }
 
+    /// Focal length of the cameras of the calibration, pixels.
     pub fn focal_px(&self) -> f64 {
         self.focal_px
     }

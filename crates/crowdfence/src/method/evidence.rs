@@ -32,6 +32,7 @@ pub const DRONE_WEIGHTS: usize = 3;
 /// Log odds are kept this close to the prior's: no number of looks is proof.
 const MOST_EVIDENCE: f64 = 12.0;
 
+/// The default method: calibrated log odds of crowd, averaged over looks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evidence {
     likelihood: Arc<LikelihoodRatio>,
@@ -123,7 +124,7 @@ impl FusionMethod for Evidence {
         self.settings.prior
     }
 
-    /// From [`CLEARLY`] above the prior on, as every threshold is above the prior.
+    /// From 2 above the prior on, as every threshold is above the prior.
     fn log_odds_alone(&self, look: &VoxelLook) -> Option<f32> {
         // Most looks are at ground without crowd.
         if look.mean as f32 <= self.shows_nothing_to {
@@ -170,6 +171,7 @@ impl FusionMethod for Evidence {
 }
 
 impl Evidence {
+    /// Errors: a setting out of its bounds, by name. `cleared` must lie below both `prior` and `threshold`.
     pub fn new(likelihood: Arc<LikelihoodRatio>, settings: EvidenceSettings) -> Result<Evidence> {
         settings.check()?;
         let prior_log_odds = (settings.prior / (1.0 - settings.prior)).ln();
@@ -177,10 +179,12 @@ impl Evidence {
         Ok(Evidence { likelihood, settings, prior_log_odds, shows_nothing_to })
     }
 
+    /// The table of likelihood ratios.
     pub fn likelihood(&self) -> &LikelihoodRatio {
         &self.likelihood
     }
 
+    /// All else that it was told.
     pub fn settings(&self) -> &EvidenceSettings {
         &self.settings
     }

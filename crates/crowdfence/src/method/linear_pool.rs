@@ -12,6 +12,7 @@ use crate::opinion_pool::{OpinionPool, Rates, Unseen};
 use crate::sealed::{Reader, Writer};
 use crate::temporal_blend::TemporalBlend;
 
+/// Method `linear-pool`: equations 1-3 over the drones that see a place, fading to the prior.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinearPool {
     pool: OpinionPool,
@@ -79,10 +80,12 @@ impl LinearPool {
         Ok(LinearPool { pool, blend })
     }
 
+    /// Equations 1-2, over visible drones and normalised.
     pub fn pool(&self) -> &OpinionPool {
         &self.pool
     }
 
+    /// Equation 3.
     pub fn blend(&self) -> &TemporalBlend {
         &self.blend
     }

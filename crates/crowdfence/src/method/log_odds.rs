@@ -11,6 +11,7 @@ use crate::error::{Result, require};
 use crate::opinion_pool::{Rates, require_b_threshold};
 use crate::sealed::{Reader, Writer};
 
+/// Method `log-odds`: the sum of all looks between two clamps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LogOdds {
     rates: Rates,
@@ -84,14 +85,17 @@ impl LogOdds {
         Ok(LogOdds { rates, prior, b_threshold, clamp })
     }
 
+    /// The detector's rates.
     pub fn rates(&self) -> Rates {
         self.rates
     }
 
+    /// P(A = 1) where nobody has looked.
     pub fn prior(&self) -> f64 {
         self.prior
     }
 
+    /// Lowest and highest log odds.
     pub fn clamp(&self) -> [f64; 2] {
         self.clamp
     }

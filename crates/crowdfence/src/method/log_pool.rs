@@ -11,6 +11,7 @@ use crate::error::{Result, require};
 use crate::sealed::{Reader, Writer};
 use crate::temporal_blend::TemporalBlend;
 
+/// Method `log-pool`: the mean log ratio of the views of an instant, blended over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogPool {
     calibration: Calibration,
@@ -76,10 +77,12 @@ impl LogPool {
         Ok(LogPool { calibration, blend, threshold })
     }
 
+    /// What a look says.
     pub fn calibration(&self) -> &Calibration {
         &self.calibration
     }
 
+    /// Equation 3, of log odds above the prior.
     pub fn blend(&self) -> &TemporalBlend {
         &self.blend
     }

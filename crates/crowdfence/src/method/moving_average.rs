@@ -9,6 +9,7 @@ use super::{Calibration, Elapsed, FusionMethod, InstantOrder, Parameter, Stored,
 use crate::error::{Result, require};
 use crate::sealed::{Reader, Writer};
 
+/// Method `moving-average`: the mean probability over all looks, newer ones weighing more.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MovingAverage {
     calibration: Calibration,
@@ -93,10 +94,12 @@ impl MovingAverage {
         Ok(MovingAverage { calibration, memory_s, threshold })
     }
 
+    /// What a look says.
     pub fn calibration(&self) -> &Calibration {
         &self.calibration
     }
 
+    /// After so many seconds a look weighs 1 / e of what it did.
     pub fn memory_s(&self) -> f64 {
         self.memory_s
     }

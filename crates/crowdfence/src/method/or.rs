@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::opinion_pool::require_b_threshold;
 use crate::sealed::{Reader, Writer};
 
+/// Method `or`, the paper's baseline: crowd is what any view ever called so.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Or {
     b_threshold: f64,

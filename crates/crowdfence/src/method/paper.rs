@@ -9,6 +9,7 @@ use crate::temporal_blend::TemporalBlend;
 /// Of a fleet so large no view says anything: equation 2 weighs each by 1 / N.
 const MAX_FLEET: usize = 10_000;
 
+/// Method `paper`. Not safe to fly by: who does not see a place votes against crowd, and forgetting means free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Paper {
     pool: OpinionPool,
@@ -21,7 +22,9 @@ pub struct Paper {
 /// P~ before the first look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Initial {
+    /// 0: nobody there.
     Zero,
+    /// P(A = 1).
     Prior,
     /// The first look is taken whole, as if alpha were 1.
     FirstLook,
@@ -30,13 +33,14 @@ pub enum Initial {
 /// What lambda counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DecayUnit {
+    /// Seconds since the last look.
     Second,
     /// Instants integrated.
     Frame,
 }
 
 impl FusionMethod for Paper {
-    /// P~ as of the last look: decayed once, when read. In steps of 2^-32, see [`in_steps`].
+    /// P~ as of the last look: decayed once, when read. In steps of 2^-32.
     type Belief = u32;
     const NO_BELIEF: u32 = 0;
     /// beta of equation 3.
@@ -125,6 +129,7 @@ fn from_steps(belief: u32) -> f64 {
 }
 
 impl Paper {
+    /// `fleet_size` is N of equation 1, in [1, 10000]; no more drones than that may ever give a view.
     pub fn new(
         pool: OpinionPool,
         blend: TemporalBlend,
@@ -136,10 +141,12 @@ impl Paper {
         Ok(Paper { pool, blend, fleet_size, initial, decay_unit })
     }
 
+    /// Equations 1-2.
     pub fn pool(&self) -> &OpinionPool {
         &self.pool
     }
 
+    /// Equation 3.
     pub fn blend(&self) -> &TemporalBlend {
         &self.blend
     }
@@ -149,10 +156,12 @@ impl Paper {
         self.fleet_size
     }
 
+    /// P~ before the first look.
     pub fn initial(&self) -> Initial {
         self.initial
     }
 
+    /// What lambda counts.
     pub fn decay_unit(&self) -> DecayUnit {
         self.decay_unit
     }
@@ -167,6 +176,7 @@ impl Paper {
 }
 
 impl Initial {
+    /// As in configurations and reports: `zero`, `prior` or `first`.
     pub fn name(self) -> &'static str {
         match self {
             Initial::Zero => "zero",
@@ -177,6 +187,7 @@ impl Initial {
 }
 
 impl DecayUnit {
+    /// As in configurations and reports: `second` or `frame`.
     pub fn name(self) -> &'static str {
         match self {
             DecayUnit::Second => "second",

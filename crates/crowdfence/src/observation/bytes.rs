@@ -19,6 +19,7 @@ use crate::terrain::TerrainKey;
 const KIND: Kind = Kind { magic: b"CROWDOBS", name: "observation", version: 2 };
 
 impl Observation {
+    /// In the format above, for another machine.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut payload = Writer::default();
         payload.u64(self.terrain.fingerprint);

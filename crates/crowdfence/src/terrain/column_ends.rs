@@ -8,11 +8,13 @@ use super::tree::{Brick, Square, Stacks};
 /// One column of voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ColumnEnds {
-    /// Grid indices.
+    /// Grid index along x.
     pub i: i32,
+    /// Grid index along y.
     pub j: i32,
-    /// Grid indices k of the lowest and of the highest voxel.
+    /// Grid index k of the lowest voxel.
     pub bottom: i32,
+    /// Grid index k of the highest.
     pub top: i32,
 }
 
@@ -38,7 +40,7 @@ impl Terrain {
     }
 
     /// The terrain from above: how high the surface lies over the middle of every column of `extent_xy`, metres above
-    /// the lowest face, column j of row i at i * extent_xy[1] + j from the lowest indices in use on. NaN without a voxel.
+    /// the lowest face, column j of row i at `i * extent_xy[1] + j` from the lowest indices in use on. NaN without a voxel.
     pub fn surface_map(&self) -> Vec<f32> {
         let [rows, columns, _] = self.extent.map(|side| side as usize);
         let heights = self.by_column(|[i, j], bricks, number, heights: &mut Vec<(usize, f32)>| {

@@ -19,6 +19,9 @@ pub struct HeightMap<'a> {
 }
 
 impl<'a> HeightMap<'a> {
+    /// Of `shape` [X, Y] cells.
+    ///
+    /// Errors: a length that is not X times Y, cells that are not larger than 0.
     pub fn new(heights_m: &'a [f32], shape: [usize; 2], cell_size_m: f64) -> Result<HeightMap<'a>> {
         require(cell_size_m.is_finite() && cell_size_m > 0.0, "cell_size_m", cell_size_m, "finite and > 0")?;
         if heights_m.len() != shape[0] * shape[1] {

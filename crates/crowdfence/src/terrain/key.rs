@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 pub struct TerrainKey {
     /// [`crate::Terrain::fingerprint`].
     pub fingerprint: u64,
+    /// [`crate::Terrain::voxel_count`].
     pub voxel_count: usize,
 }
 

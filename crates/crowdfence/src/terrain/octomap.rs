@@ -30,6 +30,7 @@ const OCCUPANCY_THRESHOLD: f32 = 0.0;
 /// A decoded file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Octomap {
+    /// What the file says before its tree.
     pub header: OctomapHeader,
     /// Every leaf, free ones too, in the order of the tree; they do not overlap.
     pub leaves: Vec<Leaf>,
@@ -40,6 +41,7 @@ pub struct Octomap {
 pub struct Leaf {
     /// Key (x, y, z) of the lowest cell.
     pub key: [u16; 3],
+    /// Level in the tree: 16 is a single cell.
     pub depth: u8,
     /// `.bt` files tell only free from occupied; their leaves get the library's bounds, -2 and 3.5.
     pub log_odds: f32,
@@ -48,6 +50,7 @@ pub struct Leaf {
 }
 
 impl Leaf {
+    /// Whether the library calls it occupied: probability 0.5 and more.
     pub fn is_occupied(&self) -> bool {
         self.log_odds >= OCCUPANCY_THRESHOLD
     }

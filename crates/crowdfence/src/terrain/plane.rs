@@ -27,9 +27,10 @@ impl Plane {
     const HIGHEST: f64 = 2.0;
     /// Steeper than that, and a slope is a wall that the voxels below the uppermost one show.
     pub const STEEPEST: f64 = 127.0 / SLOPE_STEPS;
-    /// How far a plane may reach above its voxel, and below its voxel's floor, at a corner of the column: half a
-    /// voxel along both axes at the steepest slope.
+    /// How many voxels a plane may reach above its own at a corner of the column: half a voxel along both axes at the
+    /// steepest slope.
     pub const RISE: u32 = 3;
+    /// The same below its voxel's floor.
     pub const DROP: u32 = 4;
 
     /// The nearest plane that can be kept: heights and slopes beyond the bounds are cut to them.

@@ -14,6 +14,7 @@ pub enum Surface {
 }
 
 impl Surface {
+    /// As in configurations and reports: `planes` or `voxels`.
     pub fn name(self) -> &'static str {
         match self {
             Surface::Planes => "planes",

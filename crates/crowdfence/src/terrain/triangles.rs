@@ -26,6 +26,8 @@ const MOST_LAYERS: f64 = 4.0;
 /// Voxels that a task finds before it reports them to the common count.
 const COUNTING_STEP: u64 = 1 << 16;
 
+/// Why triangles cannot be made voxels. The message of a variant is its documentation.
+#[allow(missing_docs)]
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum TrianglesError {
     #[error(

@@ -42,6 +42,7 @@ impl LikelihoodRatio {
         Ok(LikelihoodRatio { gsd_m, tilt_deg, mean, log_ratio })
     }
 
+    /// ln P(m | crowd) / P(m | no crowd) of a mean heatmap value, seen at so many metres per pixel and at such a tilt.
     pub fn log_ratio(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> f32 {
         let row = self.gsd_m.up_to(gsd_m) * (self.tilt_deg.count() + 1) + self.tilt_deg.up_to(tilt_deg);
         self.log_ratio[row * (self.mean.count() + 1) + self.mean.below(mean)]

@@ -1,7 +1,8 @@
 use super::header::{BINARY_FIRST_LINE, FULL_FIRST_LINE};
 
 /// Why bytes are no usable OctoMap, or why voxels cannot be written as one. Byte positions count
-/// from the start of the file.
+/// from the start of the file. The message of a variant is its documentation.
+#[allow(missing_docs)]
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OctomapError {
     #[error(
