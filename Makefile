@@ -7,7 +7,7 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-training test-service-kill soak-service bench-service lint fuzz bench \
-	bench-rivals lock clean setup setup-rivals setup-training stub opengl demo-recording detector paper \
+	bench-rivals lock clean setup wheel setup-rivals setup-training stub opengl demo-recording detector paper \
 	cli-reference page test-page test-web chromium page-picture docs api-reference
 
 help:
@@ -36,9 +36,15 @@ $(VENV)/.built: $(VENV)/.installed $(CORE)
 	PIP_QUIET=1 $(BIN)/maturin develop --release --locked --quiet
 	@touch $@
 
+wheel: setup page ## the package with core, models and map page, to install elsewhere: out/wheels/
+	@rm -rf out/wheels
+	$(BIN)/maturin build --release --locked --quiet --out out/wheels
+	@ls out/wheels/*.whl
+
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --quiet -p crowdfence --no-deps
 	$(BIN)/ruff check python tests benchmarks crates paper
 	$(BIN)/ruff format --check python tests benchmarks crates paper
 	$(BIN)/mypy
@@ -141,7 +147,7 @@ detector: setup-training opengl ## the shipped detectors from their recipe: abou
 
 # A site of its own, with an environment of its own: nothing else needs its packages, and `make test` not the site.
 DOCS_ENV    := out/docs-env
-DOCS_SOURCE := README.md ARCHITECTURE.md docs benchmarks paper reference training web/public
+DOCS_SOURCE := README.md ARCHITECTURE.md docs benchmarks crates/crowdfence/README.md paper reference training web/public
 
 docs: $(DOCS_ENV)/.installed ## the documentation as a site in out/site/
 	@rm -rf out/docs-source && mkdir -p out/docs-source

@@ -5,6 +5,7 @@ The pages name files that a reader would have: `flight.mcap`, `dem.tif`, `log.cs
 
 import contextlib
 import csv
+import importlib.metadata
 import importlib.util
 import inspect
 import io
@@ -159,7 +160,7 @@ def test_every_page_is_in_the_contents_of_the_site() -> None:
     contents = yaml.safe_load((DOCS.parent / "mkdocs.yml").read_text())
     listed = list(_pages(contents["nav"]))
     assert [page for page in listed if not (DOCS.parent / page).is_file()] == []
-    places = ("docs", "benchmarks", "paper", "reference", "training")  # what the Makefile lays out
+    places = ("docs", "benchmarks", "crates", "paper", "reference", "training")  # what the Makefile lays out
     pages = {path for place in places for path in (DOCS.parent / place).rglob("*.md")}
     assert {"README.md", "ARCHITECTURE.md", *(str(path.relative_to(DOCS.parent)) for path in pages)} == {
         *listed
@@ -244,3 +245,15 @@ def test_sections_that_are_linked_exist() -> None:
                 re.sub(r"[^\w -]", "", heading).strip().lower().replace(" ", "-") for heading in headings
             }
             assert section in anchors, f"{path.name}: {target}#{section}"
+
+
+def test_the_page_of_installing_has_every_extra_and_a_unit_with_options_that_exist() -> None:
+    page = (DOCS / "install.md").read_text()
+    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert listed == sorted(importlib.metadata.metadata("crowdfence").get_all("Provides-Extra"))
+    unit = dict(blocks("install"))["ini"].replace("\\\n", "")
+    told = re.search(r"^ExecStart=\S*/crowdfence serve (.*)", unit, re.MULTILINE)
+    assert told is not None
+    options = re.findall(r"--[\w-]+", told[1])
+    serve = reference().split("### crowdfence serve\n")[1].split("\n##")[0]
+    assert len(options) == 8 and [option for option in options if f"`{option}" not in serve] == []
