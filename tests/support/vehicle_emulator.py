@@ -3,6 +3,9 @@
 It takes a list when its last item has arrived, holds 63 items, takes commands that are no fences, refuses a
 polygon of two corners, accepts a reposition into a fence with an answer and refuses it with a text, and says
 nothing of shapes that hold the vehicle or its home, which it does not keep.
+
+What it does with packets that are lost, come twice or out of order is what the sources of PX4
+(mavlink_mission.cpp) and of ArduPilot (MissionItemProtocol.cpp) do.
 """
 
 import math
@@ -81,6 +84,9 @@ class EmulatedVehicle:
     """MAV_MISSION_RESULT of every upload."""
     says: str | None = None
     """After an upload that was accepted."""
+    in_place: bool = False
+    """Older PX4 (v1.12): items overwrite those that stand there as they come, and the number of them changes
+    with the last one."""
     parameters: dict[str, int] = field(default_factory=lambda: {"GF_ACTION": 2})
     items: list[RawItem] = field(default_factory=list)
     lists: list[list[RawItem]] = field(default_factory=list)
@@ -95,6 +101,8 @@ class EmulatedVehicle:
         self._count = 0
         self._coming: list[RawItem] = []
         self._asked_s = self._begun_s = 0.0
+        self._sending: int | None = None
+        """Of PX4: the item that is read next, from the first word to the last one."""
         self._beat_s = -math.inf
         self._peer = (0, 0)
 
@@ -108,8 +116,8 @@ class EmulatedVehicle:
             self._say(self._mavlink.heartbeat_encode(2, self.autopilot, mode, 0, 4))
             if self.position is not None:
                 self._say(self._position_packet())
-        if self._expected is not None and now_s - self._begun_s > GIVE_UP_S:
-            self._expected = None
+        if now_s - self._begun_s > GIVE_UP_S:
+            self._expected = self._sending = None
         if self._expected is not None and now_s - self._asked_s >= RETRY_S:
             self._request(now_s)
 
@@ -158,26 +166,31 @@ class EmulatedVehicle:
         count = packet.count  # type: ignore[attr-defined]
         if self.rejects is not None:
             return self._ack(self.rejects)
+        if self.autopilot == PX4 and (self._sending is not None or self._expected):
+            self.text("WPM: IGN MISSION_COUNT: Busy")
+            return self._ack(mavlink.MAV_MISSION_ERROR)
         if count > self.capacity:
             return self._ack(mavlink.MAV_MISSION_NO_SPACE)
         if count == 0:
             self._take([])
             return self._ack(mavlink.MAV_MISSION_ACCEPTED)
-        if self._expected is None or count != self._count:
+        if self._expected is None or self.autopilot != PX4:
             self._expected, self._count, self._coming = 0, count, []
         self._begun_s = now_s
         return self._request(now_s)
 
     def _on_mission_item_int(self, packet: object, now_s: float) -> None:
+        seq = packet.seq  # type: ignore[attr-defined]
         if self._expected is None:
-            return
-        if packet.seq != self._expected:  # type: ignore[attr-defined]
+            is_last_again = self.autopilot == PX4 and self._sending is None and seq + 1 == len(self._coming)
+            return self._ack(mavlink.MAV_MISSION_ACCEPTED if is_last_again else mavlink.MAV_MISSION_ERROR)
+        if seq != self._expected:
             if self.autopilot == ARDUPILOT:
                 self._ack(mavlink.MAV_MISSION_INVALID_SEQUENCE)
-            else:
-                self._request(now_s)
-            return
+            return None
         self._coming.append((packet.command, packet.param1, packet.x, packet.y))  # type: ignore[attr-defined]
+        if self.in_place and seq < len(self.items):
+            self.items = [*self.items[:seq], self._coming[seq], *self.items[seq + 1 :]]
         self._expected, self._begun_s = self._expected + 1, now_s
         if self._expected < self._count:
             return self._request(now_s)
@@ -188,6 +201,7 @@ class EmulatedVehicle:
         self._ack(result)
         if result == mavlink.MAV_MISSION_ACCEPTED and self.says:
             self.text(self.says)
+        return None
 
     def _take(self, items: list[RawItem]) -> None:
         self.items = items
@@ -213,12 +227,29 @@ class EmulatedVehicle:
         return mavlink.MAV_MISSION_ACCEPTED
 
     def _on_mission_request_list(self, packet: object, now_s: float) -> None:
+        if self._expected is not None:
+            if self.autopilot == ARDUPILOT:
+                self._ack(mavlink.MAV_MISSION_DENIED)
+            return
+        if self.autopilot == PX4:
+            self._sending, self._begun_s = 0, now_s
         self._say(self._mavlink.mission_count_encode(*self._peer, len(self.items), FENCE))
 
+    def _on_mission_ack(self, packet: object, now_s: float) -> None:
+        self._sending = None
+
     def _on_mission_request_int(self, packet: object, now_s: float) -> None:
-        if packet.seq >= len(self.items):  # type: ignore[attr-defined]
-            return
         seq = packet.seq  # type: ignore[attr-defined]
+        if self.autopilot == PX4:
+            if self._sending is None:
+                return
+            if seq not in (self._sending - 1, self._sending) or seq >= len(self.items):
+                self._sending = None
+                self.text("WPM: REJ. CMD: Req. WP was unexpected")
+                return self._ack(mavlink.MAV_MISSION_ERROR)
+            self._sending, self._begun_s = seq + 1, now_s
+        if seq >= len(self.items):
+            return
         command, param1, north, east = self.items[seq]
         self._say(
             self._mavlink.mission_item_int_encode(

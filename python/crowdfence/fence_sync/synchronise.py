@@ -219,7 +219,9 @@ class FenceKeeper:
 
     def _replace(self, wanted: Sequence[FenceItem]) -> tuple[int, tuple[FenceItem, ...]]:
         """Upload until the vehicle says something of it, and what it holds then. After silence its list tells
-        whether it was taken; over a link that brings old packets late, another one may have been."""
+        whether it was taken, and after a refusal: ArduPilot says "error" where its last item comes again, as
+        it does after an "accepted" that was lost. Over a link that brings old packets late, another list may
+        have been taken."""
         station = self.station
         for attempt in range(_UPLOADS):
             silence = None
@@ -231,7 +233,9 @@ class FenceKeeper:
                 held = self._download()
             except Silence as error:
                 raise Silence(f"{error}; {_MAYBE_TAKEN}") from error
-            if result != MissionResult.ACCEPTED or are_same(held, wanted):
+            if are_same(held, wanted):
+                return MissionResult.ACCEPTED, held
+            if result != MissionResult.ACCEPTED:
                 return result, held
             if attempt == _UPLOADS - 1:
                 raise silence or _differs(wanted, held)

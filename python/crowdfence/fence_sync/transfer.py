@@ -9,6 +9,7 @@ https://mavlink.io/en/services/mission.html
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from crowdfence.fence_sync.conversation import Clock, Conversation, Patience, Waiting, ask
 from crowdfence.fence_sync.fence_error import FenceError, Silence
@@ -28,8 +29,12 @@ _UNREADABLE: Mapping[int, str] = {
     MissionResult.UNSUPPORTED: "does its firmware take fences over the mission protocol?",
     MissionResult.DENIED: "ArduPilot says so while another ground station writes it: try again later",
 }
-_READINGS = 4
-"""Times that a list is read which changes meanwhile."""
+_READINGS = 8
+"""Times that a list is begun to read, which changes meanwhile or falls silent in the middle."""
+_ITEM_TRIES = 3
+"""PX4 says nothing more of a list of which it was asked out of order."""
+_BUSY = 4
+"""Times that a list is offered to a vehicle which says "error" to its first word."""
 
 
 def upload(items: Sequence[FenceItem], clock: Clock, patience: Patience) -> Conversation[int]:
@@ -41,15 +46,26 @@ def upload(items: Sequence[FenceItem], clock: Clock, patience: Patience) -> Conv
     last: Message = Count(len(items))
     say: tuple[Message, ...] = (last,)
     give_up_s = clock() + patience.longest_s
-    until_s, silent = clock() + patience.retry_s, 0
+    until_s, silent, busy, refusal = clock() + patience.retry_s, 0, 0, None
     while silent < patience.tries and clock() < give_up_s:
         heard = yield Waiting(say, until_s)
         say = ()
-        if heard is None:
+        if heard is None and refusal is not None:
+            busy += 1
+            if asked or busy == _BUSY:
+                return refusal
+            # PX4 is busy until it hears that its list was read, and that word may have been lost.
+            say, until_s, refusal = (Ack(MissionResult.ACCEPTED),), clock() + patience.retry_s, None
+            continue
+        elif heard is None:
             silent += 1
         elif isinstance(heard, RequestItem) and heard.seq < len(items):
             asked.add(heard.seq)
-            last, silent = Item(heard.seq, items[heard.seq]), 0
+            last, silent, refusal = Item(heard.seq, items[heard.seq]), 0, None
+        elif isinstance(heard, Ack) and heard.result == MissionResult.ERROR:
+            # PX4 says so of a first word that comes twice, and goes on.
+            refusal, until_s = heard.result, clock() + patience.retry_s
+            continue
         elif isinstance(heard, Ack) and _ends(heard, asked, items):
             return heard.result
         else:
@@ -79,21 +95,30 @@ def download(clock: Clock, patience: Patience) -> Conversation[tuple[FenceItem, 
             continue
         yield Waiting((Ack(MissionResult.ACCEPTED),), clock())
         return items
-    raise FenceError("the fence keeps changing while it is read; is another ground station writing it?")
+    raise FenceError(
+        f"the fence could not be read in {_READINGS} tries: it changes meanwhile, or the link brings packets "
+        "late and out of order; is another ground station writing it?"
+    )
 
 
 def _items(count: int, clock: Clock, patience: Patience) -> Conversation[tuple[FenceItem, ...] | None]:
-    """None where the vehicle says another length meanwhile."""
+    """None where the vehicle says another length meanwhile, an error, or nothing."""
     items: list[FenceItem] = []
+    few = replace(patience, tries=min(patience.tries, _ITEM_TRIES))
     for seq in range(count):
 
         def answer(heard: Message, seq: int = seq) -> Message | None:
             _require_readable(heard)
-            if isinstance(heard, Count) and heard.count != count:
+            # PX4 ends a reading with an error where it is asked out of order.
+            is_over = isinstance(heard, Ack) and heard.result == MissionResult.ERROR
+            if is_over or (isinstance(heard, Count) and heard.count != count):
                 return heard
             return heard if isinstance(heard, Item) and heard.seq == seq else None
 
-        found = yield from ask(RequestItem(seq), answer, clock, patience)
+        try:
+            found = yield from ask(RequestItem(seq), answer, clock, few)
+        except Silence:
+            return None
         if not isinstance(found, Item):
             return None
         items.append(found.item)
