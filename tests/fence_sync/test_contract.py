@@ -147,7 +147,7 @@ def test_we_keep_what_mavsdk_wrote_and_it_reads_what_we_write(tmp_path: Path) ->
             report = ours.keeper.put(ours.zones(2), ours.here)
             assert "changed_by_others" in [event.kind for event in report.alarms]
             commands = [item.command for item in items_of(report.shapes)]
-            assert commands == [CIRCLE_EXCLUSION, *[POLYGON_EXCLUSION] * 8]
+            assert commands == [*[POLYGON_EXCLUSION] * 8, CIRCLE_EXCLUSION]
 
 
 def test_a_port_where_nobody_answers() -> None:

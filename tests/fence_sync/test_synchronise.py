@@ -327,7 +327,7 @@ def test_what_was_taken_when_the_link_was_lost_is_ours(tmp_path: Path) -> None:
     vehicle = EmulatedVehicle(items=list(THEIRS))
     for north_m in (100.0, 130.0, 160.0):
         text = put_and_lost(vehicle, tmp_path, [box(100.0, north_m), box(300.0, north_m, name="Z2")])
-        assert "it holds the one before or that one; send again" in text
+        assert "it holds the one before or that one (an older PX4," in text
         assert len(vehicle.items) == 3 + 8 and vehicle.items[:3] == THEIRS
     shapes, ours = keeper(vehicle, tmp_path).read()
     assert (len(shapes), len(ours)) == (3, 2)
@@ -337,6 +337,101 @@ def test_what_was_taken_when_the_link_was_lost_is_ours(tmp_path: Path) -> None:
     put_and_lost(vehicle, tmp_path, None)
     report = keeper(vehicle, tmp_path).put(FAR[:1], HERE)
     assert "changed_by_others" not in told(report) and len(vehicle.items) == 3 + 4
+
+
+def put_and_broken_off(vehicle: EmulatedVehicle, folder: Path, zones: list[Zone], taken: int) -> str:
+    """The link is lost when the vehicle has got so many items of the list, and comes back later."""
+    keep = keeper(vehicle, folder)
+    hear = vehicle._on_mission_item_int
+
+    def hear_the_last(packet: mavlink.MAVLink_mission_item_int_message, now_s: float) -> None:
+        hear(packet, now_s)
+        vehicle.mute = packet.seq + 1 == taken
+
+    vehicle._on_mission_item_int = hear_the_last  # type: ignore[method-assign, assignment]
+    with pytest.raises(FenceError) as raised:
+        keep.put(zones, HERE)
+    vehicle.mute, vehicle._on_mission_item_int = False, hear  # type: ignore[method-assign]
+    vehicle._beat_s, vehicle._expected = float("-inf"), None
+    return str(raised.value)
+
+
+@pytest.mark.parametrize("taken", [1, 2, 4, 5, 7, 8, 9])
+def test_what_was_half_sent_to_an_older_px4_is_ours(tmp_path: Path, taken: int) -> None:
+    """It holds the first items of the new list and the others of the old one. These counted as somebody
+    else's and were kept for ever: behind a polygon of which some corners are missing it reads all others
+    wrong, so that crowds lay in no fence, and what was read back was equal to what was sent."""
+    vehicle = EmulatedVehicle(items=list(THEIRS), in_place=True)
+    keeper(vehicle, tmp_path).put([box(100.0, 100.0), box(200.0, -50.0, name="Z2")], HERE)
+    octagon = zone(shapely.Point(-150.0, -150.0).buffer(20.0, quad_segs=2), "Z3")
+    text = put_and_broken_off(vehicle, tmp_path, [octagon, *FAR], taken)
+    assert "an older PX4, such as v1.12, some corners of each" in text
+    assert len(vehicle.items) == 3 + 8
+    shapes, ours = keeper(vehicle, tmp_path).read()
+    if taken > 3:  # those before are the same in both
+        assert tuple(THEIRS) not in ours and len(ours) == len(shapes) - 1
+    report = keeper(vehicle, tmp_path).put(FAR, HERE)
+    assert covers(vehicle, FAR) and vehicle.items[:3] == THEIRS and len(vehicle.items) == 3 + 8
+    assert report.written or taken <= 3
+    keeper(vehicle, tmp_path).clear()
+    assert vehicle.items == THEIRS
+
+
+def test_what_was_half_sent_twice_is_ours_too(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle(items=list(THEIRS), in_place=True)
+    keeper(vehicle, tmp_path).put(FAR, HERE)
+    for taken, side_m in ((5, 10.0), (9, 15.0), (4, 12.0)):
+        put_and_broken_off(vehicle, tmp_path, [box(0.0, 100.0, side_m), box(50.0, 100.0, side_m)], taken)
+    keeper(vehicle, tmp_path).put([], HERE)
+    assert vehicle.items == THEIRS
+
+
+def test_a_polygon_of_others_without_some_corners_is_not_sent_again(tmp_path: Path) -> None:
+    """Another ground station was broken off: an autopilot reads everything behind it wrong."""
+    vehicle = EmulatedVehicle(items=[*THEIRS[:2], *polygon((47.41, 8.5), (47.41, 8.6), (47.42, 8.6))])
+    before = list(vehicle.items)
+    for act in (lambda keep: keep.put(FAR, HERE), lambda keep: keep.clear()):
+        with pytest.raises(FenceError, match="a polygon of 3 corners of which 2 are there.*clear --all"):
+            act(keeper(vehicle, tmp_path))
+        assert vehicle.items == before
+    keeper(vehicle, tmp_path).clear(everything=True)
+    keeper(vehicle, tmp_path).put(FAR, HERE)
+    assert covers(vehicle, FAR)
+
+
+def px4_reads(items: list[RawItem]) -> list[list[RawItem]]:
+    """Shapes as newer PX4 takes them out of a list (geofence.cpp): behind a circle it goes on by one item a
+    polygon, too."""
+    shapes, at, was_circle = [], 0, False
+    while at < len(items):
+        command, param1, _, _ = items[at]
+        was_circle |= command not in POLYGONS
+        shapes.append(items[at : at + (int(param1) if command in POLYGONS else 1)])
+        at += 1 if was_circle else int(param1)
+    return shapes
+
+
+def test_polygons_stand_before_circles(tmp_path: Path) -> None:
+    """PX4 reads a polygon behind a circle of somebody else as several, which reach to the next shape: it
+    halted where no zone was."""
+    theirs = [(CIRCLE, 30.0, 474_100_000, 85_500_000)]
+    vehicle = EmulatedVehicle(items=list(theirs))
+    keep = keeper(vehicle, tmp_path, capacity=ItemCapacity(10))
+    small = box(500.0, 500.0, 2.0, "Z3")  # there is no room for its corners
+    report = keep.put([*FAR, small], HERE)
+    assert [len(shape) for shape in px4_reads(vehicle.items)] == [4, 4, 1, 1]
+    assert {len(shape) for shape in report.ours} == {4, 1} and len(report.ours) == 3
+    assert theirs[0] in vehicle.items and covers(vehicle, [*FAR, small])
+    assert not keep.put([*FAR, small], HERE).written
+    # Somebody puts a circle before ours.
+    vehicle.items = [(CIRCLE, 20.0, 474_200_000, 85_500_000), *vehicle.items]
+    keep = keeper(vehicle, tmp_path, capacity=ItemCapacity(11))
+    report = keep.put([*FAR, small], HERE)
+    assert [len(shape) for shape in px4_reads(vehicle.items)] == [4, 4, 1, 1, 1]
+    assert report.written and len(report.ours) == 3
+    assert not keep.put([*FAR, small], HERE).written
+    keep.clear()
+    assert len(vehicle.items) == 2 and theirs[0] in vehicle.items
 
 
 def test_what_somebody_else_changed_while_the_link_was_lost_is_said(tmp_path: Path) -> None:

@@ -73,6 +73,17 @@ def _goes_on(first: FenceItem, item: FenceItem) -> bool:
     return (item.command, item.param1) == (first.command, first.param1)
 
 
+def missing_corners(shape: FenceShape) -> int:
+    """Of a polygon that ends early."""
+    return round(shape[0].param1) - len(shape) if shape[0].command in POLYGONS else 0
+
+
+def is_circle(shape: FenceShape) -> bool:
+    """Circles stand behind everything else in a list: newer PX4 (geofence.cpp) takes every corner of a
+    polygon behind a circle for the first one of another polygon, which reaches into the next shape."""
+    return shape[0].command in CIRCLES
+
+
 def items_of(shapes: Iterable[FenceShape]) -> list[FenceItem]:
     return [item for shape in shapes for item in shape]
 

@@ -1,7 +1,7 @@
 """A vehicle's fence made equal to the zones: read, fit, replace, read back, compare, remember.
 
-Whatever goes wrong, the vehicle keeps the list that it held, because it takes a new one only whole; and no
-list is replaced before it is known what others put into it.
+Whatever goes wrong, the vehicle keeps the list that it held, because it takes a new one only whole (an older
+PX4 does not: `vehicle_memory`); and no list is replaced before it is known what others put into it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from crowdfence.fence_sync.fence_item import (
     FenceItem,
     FenceShape,
     are_same,
+    is_circle,
     items_of,
+    missing_corners,
     parted,
     shapes_of,
 )
@@ -58,7 +60,10 @@ _HINTS: Mapping[int, str] = {
     MissionResult.NO_SPACE: "; give a smaller --capacity",
     MissionResult.DENIED: "; another ground station may be writing it: send again in some seconds",
 }
-_MAYBE_TAKEN = "a list was sent, so it holds the one before or that one; send again once it answers"
+_MAYBE_TAKEN = (
+    "a list was sent, so it holds the one before or that one (an older PX4, such as v1.12, some corners of "
+    "each); send again once it answers"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,27 +132,32 @@ class FenceKeeper:
         events += self.enforcement() if zones else []
         self._locate()
         memory, before = recall(self.memory_path), self._download()
-        found, others, missing = memory.parted(shapes_of(before))
+        there = shapes_of(before)
+        found, others, missing = memory.parted(there)
         events += [*_of_others(others, missing, memory), *_of_a_second(memory, self._kept)]
         station.vehicle.texts.clear()
         capacity = self._capacity(memory)
         for _ in range(_REFUSALS):
             fence = placed(zones, georeference, capacity, others)
-            wanted = [*items_of(others), *items_of(fence.shapes)]
+            wanted = sorted([*others, *fence.shapes], key=is_circle)
             # Wherever in the list: two stations that both put theirs last would write in turn for ever.
-            written = not are_same(items_of(found), items_of(fence.shapes))
+            written = not are_same(items_of(found), items_of(fence.shapes)) or (
+                bool(fence.shapes) and there != sorted(there, key=is_circle)
+            )
+            if written or fence.shapes:
+                _require_whole(others)
             if written:
-                self._remember(memory.before(fence.shapes, found))
-            result, held = self._replace(wanted) if written else (MissionResult.ACCEPTED, before)
+                self._remember(memory.before(fence.shapes, found, others, there))
+            result, held = self._replace(items_of(wanted)) if written else (MissionResult.ACCEPTED, before)
             if result == MissionResult.ACCEPTED:
                 break
             stays = _what_stays(before, held)
-            capacity = self._smaller(capacity, result, [*others, *fence.shapes], stays)
+            capacity = self._smaller(capacity, result, wanted, stays)
             events.append(FenceEvent("capacity_learned", f"the vehicle has no space; trying {capacity}"))
             memory = replace(memory, most=_size(capacity))
         else:
             raise FenceError(f"the vehicle refuses every fence for want of space; {stays}")
-        now_ours = tuple(shapes_of(held[len(items_of(others)) :]) if written else found)
+        now_ours = _as_read(fence.shapes, wanted, shapes_of(held)) if written else tuple(found)
         self._remember(VehicleMemory(now_ours, tuple(others), memory.most, is_first=False))
         station.listen(TEXTS_S if written else 0.0)
         events += _of_texts(station.vehicle.texts)
@@ -160,16 +170,17 @@ class FenceKeeper:
         memory, before = recall(self.memory_path), self._download()
         found, others, missing = memory.parted(shapes_of(before))
         kept = [] if everything else others
+        _require_whole(kept)
         wanted = items_of(kept)
         written = not are_same(before, wanted)
         events = [] if everything else list(_of_others(others, missing, memory))
         if written:
-            self._remember(memory.before((), found))
+            self._remember(memory.before((), found, kept, shapes_of(before)))
             result, held = self._replace(wanted)
             if result != MissionResult.ACCEPTED:
                 raise FenceError(self._refused(result, _what_stays(before, held)))
         self._remember(VehicleMemory((), tuple(kept), memory.most, is_first=False))
-        removed = len(shapes_of(before)) - len(kept)
+        removed = len(shapes_of(before)) if everything else len(found)
         events.append(FenceEvent("cleared", f"{removed} shapes removed, {len(kept)} stay"))
         return FenceReport(tuple(kept), (), written, NOTHING, "", tuple(events))
 
@@ -280,10 +291,31 @@ def _size(capacity: Capacity) -> int:
     return capacity.bytes if isinstance(capacity, StorageCapacity) else capacity.items  # type: ignore[attr-defined]
 
 
+def _require_whole(others: Sequence[FenceShape]) -> None:
+    """FenceError for a polygon of others that ends early: whatever stands behind it would be read wrong."""
+    for shape in others:
+        if missing_corners(shape):
+            raise FenceError(
+                f"others have a polygon of {shape[0].param1:g} corners of which {len(shape)} are there: "
+                "whoever sent it was broken off, and the autopilot reads everything behind it wrong; have it "
+                "sent again, or remove all with crowdfence fence clear --all"
+            )
+
+
+def _as_read(
+    ours: Sequence[FenceShape], wanted: Sequence[FenceShape], held: Sequence[FenceShape]
+) -> tuple[FenceShape, ...]:
+    """Those of the shapes that the vehicle holds which were sent as ours: it may round them."""
+    numbers = set(map(id, ours))
+    return tuple(read for sent, read in zip(wanted, held, strict=True) if id(sent) in numbers)
+
+
 def _what_stays(before: Sequence[FenceItem], held: Sequence[FenceItem]) -> str:
     """After a refusal, by what was read back: a vehicle that started anew may have lost its fence."""
     if are_same(before, held):
         return "the one before stays"
+    if len(held) == len(before):
+        return "it has replaced some corners of the one before, as an older PX4 does; send again"
     return (
         f"the one before is gone: {len(held)} items stand there, {len(before)} did; did the vehicle start "
         "anew? Send again"

@@ -5,7 +5,8 @@ everything else was drawn by somebody else and is kept. Where the file is lost, 
 of others: too much stays closed, nothing opens.
 
 A list is remembered before it is sent, too: where the link is lost, or the program ends, after it was taken
-and before it was read back, what stands there is ours all the same.
+and before it was read back, what stands there is ours all the same. So is what stands there of it where the
+link was lost in its middle: older PX4 (v1.12) writes items over those of the list before as they come.
 """
 
 from __future__ import annotations
@@ -18,7 +19,14 @@ from pathlib import Path
 
 from crowdfence.atomic_file import write_bytes
 from crowdfence.fence_sync.fence_error import FenceError
-from crowdfence.fence_sync.fence_item import FenceItem, FenceShape, are_same, parted
+from crowdfence.fence_sync.fence_item import (
+    FenceItem,
+    FenceShape,
+    are_same,
+    is_circle,
+    items_of,
+    parted,
+)
 from crowdfence.fence_sync.ground_station import Vehicle
 
 _FORMAT = "crowdfence fence memory"
@@ -38,11 +46,18 @@ class VehicleMemory:
     """Nothing that was written was ever read back."""
     sent: tuple[FenceShape, ...] | None = None
     """Of ours, as they were sent since, where nobody has read back whether they were taken."""
+    beside: tuple[FenceShape, ...] = ()
+    """Of others, as they were sent with them."""
+    replaced: tuple[FenceShape, ...] = ()
+    """All that stood there then."""
 
     def parted(
         self, there: Sequence[FenceShape]
     ) -> tuple[list[FenceShape], list[FenceShape], list[FenceShape]]:
-        """Shapes that are there and ours, there and not ours, ours and no longer there."""
+        """Shapes that are there and ours, there and not ours, ours and no longer there. Of a list that was
+        broken off all is ours but what others had there before."""
+        if self.is_broken_off(there):
+            return parted(there, self.beside)[1], list(self.beside), []
         found, unknown, missing = parted(there, self.ours)
         if self.sent is None:
             return found, unknown, missing
@@ -57,10 +72,30 @@ class VehicleMemory:
         taken = all(any(are_same(one, shape) for shape in there) for one in self.sent)
         return found, others, [] if taken else missing
 
-    def before(self, sent: Sequence[FenceShape], found: Sequence[FenceShape]) -> VehicleMemory:
-        """What to remember before a list is sent, to a vehicle on which `found` is ours now."""
+    def is_broken_off(self, there: Sequence[FenceShape]) -> bool:
+        """Whether the first items are those of the list that was sent, and the others those of the one
+        before."""
+        if self.sent is None:
+            return False
+        now, old = items_of(there), items_of(self.replaced)
+        new = items_of(sorted([*self.beside, *self.sent], key=is_circle))
+        if len(now) != len(old) or are_same(now, old) or are_same(now, new):
+            return False
+        pairs = zip(now, new, strict=False)
+        taken = next((at for at, (one, other) in enumerate(pairs) if not one.is_same(other)), len(new))
+        return are_same(now[taken:], old[taken:])
+
+    def before(
+        self,
+        sent: Sequence[FenceShape],
+        found: Sequence[FenceShape],
+        others: Sequence[FenceShape],
+        there: Sequence[FenceShape],
+    ) -> VehicleMemory:
+        """What to remember before a list is sent, to a vehicle on which `found` of all that is `there` is
+        ours now, and `others` are kept."""
         ours = self.ours if self.sent is None else tuple(found)
-        return replace(self, ours=ours, sent=tuple(sent))
+        return replace(self, ours=ours, sent=tuple(sent), beside=tuple(others), replaced=tuple(there))
 
     def is_of_another(self, kept: VehicleMemory) -> bool:
         """Whether somebody else wrote since, whose file is the same."""
@@ -90,7 +125,8 @@ def recall(path: Path) -> VehicleMemory:
             raise ValueError(f"it is {told['format']} version {told['version']}")
         ours, others = _shapes(told["ours"]), _shapes(told["others"])
         sent = None if told.get("sent") is None else _shapes(told["sent"])
-        return VehicleMemory(ours, others, told["most"], told.get("is_first", False), sent)
+        beside, replaced = (_shapes(told.get(name, ())) for name in ("beside", "replaced"))
+        return VehicleMemory(ours, others, told["most"], told.get("is_first", False), sent, beside, replaced)
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise FenceError(
             f"{path} does not say what was written last ({type(error).__name__} {error}); remove it, then "
@@ -109,6 +145,8 @@ def remember(path: Path, memory: VehicleMemory) -> None:
         "most": memory.most,
         "is_first": memory.is_first,
         "sent": None if memory.sent is None else _lists(memory.sent),
+        "beside": _lists(memory.beside),
+        "replaced": _lists(memory.replaced),
     }
     write_bytes(path, (json.dumps(told) + "\n").encode())
 
