@@ -82,6 +82,34 @@ def test_zones_end_by_themselves_where_they_say_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("ends", "latest"), [((1000, 2000), 2000), ((2000, 1000), 2000), ((1000, None), None), ((None, 9), None)]
+)
+def test_zones_of_one_name_end_when_all_of_them_do(
+    tmp_path: Path, ends: tuple[int | None, ...], latest: int | None
+) -> None:
+    """Files of two missions put together have a Z1 each: both ended with the one that stood last."""
+    documents = []
+    for number, end in enumerate(ends):
+        path = written(tmp_path / f"{number}.json", (8 + number / 10, 47, 8.001 + number / 10, 47.001))
+        documents.append(json.loads(path.read_text()))
+        documents[-1]["features"][0]["properties"] = {} if end is None else {"valid_until_ns": end}
+    documents[0]["features"] += documents[1]["features"]
+    (tmp_path / "both.json").write_text(json.dumps(documents[0]))
+    assert [zone.valid_until_ns for zone in ZoneSource(tmp_path / "both.json").read().zones] == [latest] * 2
+
+
+def test_a_file_that_could_not_be_read_is_read_once_it_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its zones were not taken up before somebody wrote it again."""
+    source = ZoneSource(written(tmp_path / "a.json", (8, 47, 8.001, 47.001)))
+    with monkeypatch.context() as broken, pytest.raises(OSError, match="denied"):
+        broken.setattr(Path, "read_bytes", lambda path: (_ for _ in ()).throw(OSError("denied")))
+        source.read()
+    assert source.has_changed() and len(source.read().zones) == 1 and not source.has_changed()
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("{", "a.geojson: Expecting"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -62,8 +63,12 @@ class ZoneSource:
 
     def read(self) -> PlacedZones:
         """What is there now, and the zones of others. OSError, or ValueError that names the file."""
-        placed = self._read()
-        return replace(placed, zones=(*placed.zones, *self._others_beside(placed)))
+        try:
+            placed = self._read()
+            return replace(placed, zones=(*placed.zones, *self._others_beside(placed)))
+        except OSError:
+            self._mark = None  # what could not be read may be readable later, and be the same file
+            raise
 
     def _others_beside(self, placed: PlacedZones) -> tuple[Zone, ...]:
         """In the same local frame."""
@@ -126,17 +131,16 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
             longitude, latitude = corners[wrong][0]
             raise ValueError(f"a corner is no longitude and latitude: {longitude:g}, {latitude:g}")
         anchor = _near(corners, anchor)
-        ends = {name: end for feature in document.get("features", ()) for name, end in _end(feature)}
+        ends = _ends(document.get("features", ()))
         zones = []
         for one in given:
             (zone,) = local_zones([one], anchor, set(), [])
             low_m, high_m = _heights(zone.polygon)
-            until_ns = ends.get(one.name)
             zones.append(
                 replace(
                     zone,
                     id=one.name[:MAX_ID_LENGTH],
-                    valid_until_ns=until_ns,
+                    valid_until_ns=ends.get(one.name),
                     lower_m=low_m,
                     upper_m=high_m,
                 )
@@ -149,10 +153,16 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
     return PlacedZones(tuple(zones), anchor)
 
 
-def _end(feature: Mapping[str, Any]) -> list[tuple[str, int]]:
-    properties = feature.get("properties") or {}
-    end = properties.get("valid_until_ns")
-    return [] if end is None else [(str(feature.get("id") or properties.get("id")), int(end))]
+def _ends(features: Sequence[Mapping[str, Any]]) -> dict[str, int | None]:
+    """When zones end, by name. Of several with one name, as in files of two missions put together, none ends
+    before all of them do."""
+    ends: dict[str, int | None] = {}
+    for feature in features:
+        properties = feature.get("properties") or {}
+        name, end = str(feature.get("id") or properties.get("id")), properties.get("valid_until_ns")
+        others = ends.get(name, -math.inf)
+        ends[name] = None if end is None or others is None else int(max(int(end), others))
+    return ends
 
 
 def _near(corners: NDArray[np.float64], anchor: Georeference | None) -> Georeference:
