@@ -170,6 +170,24 @@ def test_zones_that_expire_are_removed_if_asked(tmp_path: Path) -> None:
         assert len(watched.vehicle.items) == left
 
 
+def test_zones_that_had_ended_before_they_were_read_are_an_alarm(tmp_path: Path) -> None:
+    """On a computer whose clock is an hour ahead every zone had ended: none was closed, without a word."""
+    watched = Watched(tmp_path, expires=True)
+    ends_ns = round((watched.wall_s + 60.0) * 1e9)
+    watched.write(north_m=100.0, valid_until_ns=ends_ns)
+    watched.wall_s += 3600.0
+    assert "zones_ended" in watched.run(3.0) and watched.vehicle.items == []
+    (alarm,) = watched.watch.alarms
+    assert alarm.text.startswith("1 of 1 zones had ended when they were read, by the clock")
+    assert "(1970-01-01T01:16:4" in alarm.text
+    watched.wall_s -= 3600.0
+    watched.write(north_m=100.0, valid_until_ns=ends_ns)
+    watched.run(3.0)
+    assert watched.watch.alarms == () and len(watched.vehicle.items) == 4
+    watched.run(80.0)  # it ends while it is watched
+    assert watched.watch.alarms == () and watched.vehicle.items == []
+
+
 def test_zones_that_are_not_there_yet_are_named(tmp_path: Path) -> None:
     watched = Watched(tmp_path)
     watched.path.unlink()

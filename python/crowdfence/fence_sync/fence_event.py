@@ -26,6 +26,7 @@ EventKind = Literal[
     "zone_without_ground",
     "zones_unreadable",
     "zones_stale",
+    "zones_ended",
     "failed",
     "link_lost",
     "link_back",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from crowdfence.errors import one_line
@@ -21,11 +21,14 @@ from crowdfence.fence_sync.inside import is_closed
 from crowdfence.fence_sync.messages import Position
 from crowdfence.fence_sync.synchronise import FenceKeeper
 from crowdfence.fence_sync.zone_source import PlacedZones, ZoneSource
+from crowdfence.iso_time import iso_utc
 from crowdfence.zones import Zone
 
 POLL_S = 0.5
 LOST_S = 3.0
 """Without a word from a vehicle, which sends a heartbeat a second."""
+ENDED_S = 10.0
+"""A zone that had ended so long before it was read is one of another time, or a clock is wrong."""
 REOPEN_S = (1.0, 30.0)
 """From a link that broke to the next try to open it, doubled every time, and the longest of them."""
 
@@ -162,6 +165,7 @@ class FenceWatch:
                     self._debounce = self._new_debounce()  # another mission, in another local frame
                 self._placed, self._read_s, self._alive = placed, now_s, None
                 self._say_while(("zones_unreadable",), [])
+                self._say_while(("zones_ended",), self._ended(placed) if self._plan.expires else [])
         stale_s = self._plan.stale_s
         if stale_s is not None and now_s - self._read_s > stale_s:
             old = FenceEvent(
@@ -176,6 +180,17 @@ class FenceWatch:
         if alive != self._alive:
             self._alive = alive
             self._debounce.offer(alive, now_s)
+
+    def _ended(self, placed: PlacedZones) -> Iterator[FenceEvent]:
+        """Zones that are opened because they had ended when they were read: by the clock here."""
+        now_ns = self._wall_ns()
+        ended = len(placed.zones) - len(placed.at(now_ns - round(ENDED_S * 1e9)))
+        if ended:
+            text = (
+                f"{ended} of {len(placed.zones)} zones had ended when they were read, by the clock of this "
+                f"computer ({iso_utc(now_ns)}), and are open; set it, or see that somebody writes zones"
+            )
+            yield FenceEvent("zones_ended", text, alarm=True)
 
     def _is_heard(self) -> bool:
         silent_s = self._clock() - self._keeper.station.vehicle.heard_s
