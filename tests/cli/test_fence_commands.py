@@ -156,6 +156,24 @@ def test_refusals_are_one_line(fence: Any, served: UdpVehicle, tmp_path: Path) -
     assert "no heartbeat of vehicle 1" in fence("clear", "--timeout-s", 0.3, code=FAILED)
 
 
+@pytest.mark.parametrize(
+    ("command", "option", "value"),
+    [
+        ("push", "--timeout-s", "inf"),  # it ended in a traceback
+        ("push", "--timeout-s", "1e300"),  # it waited for ever
+        ("watch", "--stale-after-s", "nan"),  # it was no alarm, ever
+        ("watch", "--stale-after-s", "-5"),
+        ("watch", "--duration-s", "nan"),
+        ("watch", "--interval-s", "inf"),  # new zones were never sent
+        ("watch", "--check-s", "inf"),
+    ],
+)
+def test_durations_that_are_none_are_refused(tmp_path: Path, command: str, option: str, value: str) -> None:
+    given = ["fence", command, str(tmp_path), "--link", "udpin:127.0.0.1:14550", option, value]
+    done = CliRunner().invoke(app, given)
+    assert done.exit_code == 2 and f"Invalid value for '{option}'" in done.output
+
+
 def events_of(process: subprocess.Popen[str], wanted: str) -> list[dict[str, Any]]:
     """Lines that `watch --json` prints, up to an event."""
     assert process.stdout is not None

@@ -523,7 +523,7 @@ def test_a_way_with_a_departure(run: Path) -> None:
     assert told["waypoints"][-1]["at"].startswith("2026-01-01T00:00:11.")
     # The zones of this run have no end, so that nothing opens.
     assert json.loads(command(*common, "--expires", "--json"))["length_m"] == told["length_m"]
-    assert "expires needs both" in refused(
+    assert "--expires needs --speed-m-s: a zone" in refused(
         "route", run, "--local", "--from", "0,5", "--to", "1,5", "--expires"
     )
 

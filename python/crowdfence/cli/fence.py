@@ -61,7 +61,10 @@ State = Annotated[
     ),
 ]
 TimeoutS = Annotated[
-    float, typer.Option("--timeout-s", min=0.1, help="How long to wait for a vehicle that says nothing.")
+    float,
+    typer.Option(
+        "--timeout-s", min=0.1, max=3600.0, help="How long to wait for a vehicle that says nothing."
+    ),
 ]
 
 
@@ -163,21 +166,22 @@ def watch(
         float, typer.Option("--opening-s", min=0.0, help="Ground opens when it has been open for so long.")
     ] = 5.0,
     interval_s: Annotated[
-        float, typer.Option("--interval-s", min=0.0, help="Least time between two fences.")
+        float, typer.Option("--interval-s", min=0.0, max=3600.0, help="Least time between two fences.")
     ] = 2.0,
     check_s: Annotated[
-        float, typer.Option("--check-s", min=1.0, help="Read the fence back so often.")
+        float, typer.Option("--check-s", min=1.0, max=3600.0, help="Read the fence back so often.")
     ] = 20.0,
     stale_after_s: Annotated[
         float | None,
-        typer.Option("--stale-after-s", help="Alarm when the zones are not written for so long."),
+        typer.Option("--stale-after-s", min=0.1, help="Alarm when the zones are not written for so long."),
     ] = None,
     expires: Annotated[
         bool,
         typer.Option("--expires", help="Zones end at their valid_until, even if nobody looked there again."),
     ] = False,
     duration_s: Annotated[
-        float | None, typer.Option("--duration-s", help="Stop after so long. Default: with Ctrl-C.")
+        float | None,
+        typer.Option("--duration-s", min=0.0, help="Stop after so long. Default: with Ctrl-C."),
     ] = None,
     static_zones: options.StaticZones = None,
     system: System = None,

@@ -100,6 +100,8 @@ def route(
     """
     from contextlib import ExitStack
 
+    if expires and speed_m_s is None:
+        raise ValueError("--expires needs --speed-m-s: a zone that ends is flown through after its end")
     from crowdfence.planner import NoRoute, safe_route
     from crowdfence.planner.seen_ground import not_known_empty
     from crowdfence.planner.told_in_degrees import at_one_height
