@@ -26,6 +26,13 @@ _NO_WIDTH_M = 1e-6
 MOST_PAIRED = 150
 """Shapes between which the best pair is searched; more are first put together by their places."""
 _NEIGHBOURS = 4
+MOST_CORNERS = 2500
+"""Of an outline whose corners are left out one by one, which takes time with their square: 20,000 took two
+minutes. More, as of coasts and parks, are made fewer at once first."""
+_CORNERS_PER_ITEM = 8
+_FIRST_TOLERANCE = 1e-4
+"""Of the longer side of the bounds."""
+_MOST_TOLERANCES = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +88,9 @@ def fitted(outlines: Sequence[Polygon | MultiPolygon], max_items: int, *, circle
     if max_items < least:
         raise ValueError(f"a fence of {max_items} items holds no zone; it takes {least}")
     union = _covering_union(_whole_parts(outlines))
+    most_corners = max(MOST_CORNERS, _CORNERS_PER_ITEM * max_items)
     shapes = [
-        _Shape(shapely.Polygon(part.exterior), circles)
+        _Shape(_coarser(shapely.Polygon(part.exterior), most_corners), circles)
         for part in shapely.get_parts(union).tolist()
         if not part.is_empty
     ]
@@ -94,6 +102,24 @@ def fitted(outlines: Sequence[Polygon | MultiPolygon], max_items: int, *, circle
     rounds = tuple(shape.shape for shape in shapes if isinstance(shape.shape, Circle))
     drawn = [*polygons, *(circle.outline() for circle in rounds)]
     return Fence(polygons, rounds, float(union.area), float(_union(np.array(drawn, dtype=object)).area))
+
+
+def _coarser(outline: Polygon, most: int) -> Polygon:
+    """An outline of at most so many corners that covers another one: grown by a tolerance and simplified
+    within it."""
+    import shapely
+
+    if vertex_count(outline) <= most:
+        return outline
+    west, south, east, north = outline.bounds
+    tolerance_m = _FIRST_TOLERANCE * max(east - west, north - south)
+    for _ in range(_MOST_TOLERANCES):
+        larger = shapely.buffer(outline, tolerance_m, join_style="mitre", mitre_limit=2.0)
+        coarser = shapely.simplify(shapely.Polygon(larger.exterior), tolerance_m)
+        if vertex_count(coarser) <= most and coarser.is_valid and coarser.covers(outline):
+            return coarser
+        tolerance_m *= 2.0
+    return shapely.convex_hull(outline)
 
 
 def _whole_parts(outlines: Sequence[Polygon | MultiPolygon]) -> NDArray[Any]:
