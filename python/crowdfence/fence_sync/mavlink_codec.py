@@ -174,7 +174,7 @@ _READERS: dict[str, Callable[[Any], Message | None]] = {
     "MISSION_REQUEST_INT": _of_fence(lambda packet: RequestItem(packet.seq)),
     "MISSION_ITEM_INT": _of_fence(_read_item),
     "MISSION_ACK": _of_fence(lambda packet: Ack(packet.type)),
-    "STATUSTEXT": lambda packet: StatusText(packet.severity, packet.text.rstrip("\0")),
+    "STATUSTEXT": lambda packet: StatusText(packet.severity, packet.text.rstrip("\0\t ")),
     "GLOBAL_POSITION_INT": lambda packet: (
         Position(packet.lat / 1e7, packet.lon / 1e7) if packet.lat or packet.lon else None
     ),
