@@ -16,6 +16,7 @@ import numpy as np
 from crowdfence._core import COARSER, Terrain
 from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
+from crowdfence.maps.geo_keys import compound_systems, crs_of
 from crowdfence.maps.height_raster import HeightRaster
 from crowdfence.maps.holes import MAX_HOLE_M2, bridge_holes
 from crowdfence.maps.map_error import MapError
@@ -110,7 +111,8 @@ def _dataset(path: Path) -> Iterator[Any]:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # an error of our own where it matters
         try:
             # Only this driver: other formats (VRT) can name further files and addresses.
-            dataset = rasterio.open(path, driver="GTiff")
+            with compound_systems():
+                dataset = rasterio.open(path, driver="GTiff")
         except RasterioError as error:
             raise MapError(path, f"not a readable GeoTIFF ({one_line(error)})") from error
     with dataset:
@@ -158,16 +160,12 @@ def _height_band(path: Path, dataset: Any, band: int | None) -> int:
 
 
 def _crs(path: Path, dataset: Any) -> CRS | None:
-    from pyproj import CRS
     from pyproj.exceptions import CRSError
 
-    if not dataset.crs:
-        return None
     try:
-        crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
+        return crs_of(dataset)
     except CRSError as error:
         raise MapError(path, "its coordinate reference system is damaged; pass crs") from error
-    return None if crs.is_engineering else crs  # "local" or "unnamed" systems have no place on Earth
 
 
 def _voxel_size(projection: RasterProjection, given_m: float | None) -> VoxelSize:

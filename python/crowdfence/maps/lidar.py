@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Terrain
 from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
+from crowdfence.maps.geo_keys import las_crs, las_directory, vertical_unit
 from crowdfence.maps.ground_surface import triangulate, unmeasured
 from crowdfence.maps.height_raster import HIGHEST_PLAUSIBLE_M, LOWEST_PLAUSIBLE_M
 from crowdfence.maps.las_header import check_las_header
@@ -48,6 +49,9 @@ MAX_COLUMNS = 20_000_000
 MAX_VOXELS = 100_000_000
 # Triangulating takes about 10 seconds for a million points.
 MAX_GROUND_COLUMNS = 5_000_000
+
+_WKT = 2112
+"""Number of the record that holds the reference system as text."""
 
 _CHUNK_POINTS = 1_000_000
 _LARGEST_COORDINATE = 1e9
@@ -93,7 +97,9 @@ def open_lidar(
         low, high = _bounds(path, reader.header)
         in_file = _crs(path, reader.header) if crs is None else None
         known_crs = chosen_crs(in_file, crs, assume_local=assume_local)
-        frame = _frame(known_crs, georeference, HeightRules(height_unit, height_offset_m), low, high)
+        rules = HeightRules(height_unit, height_offset_m)
+        metres_per_height = rules.metres_per_height(known_crs, _height_label(path, reader.header))
+        frame = _frame(known_crs, georeference, rules, metres_per_height, low, high)
         corners = frame.local_from_source(*np.stack([low, high], axis=-1))
         area_m2 = float(np.abs(corners[1, :2] - corners[0, :2]).prod())
         distance_m = round_voxel_size_m(math.sqrt(area_m2 / reader.header.point_count))
@@ -230,25 +236,38 @@ def _bounds(path: Path, header: Any) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def _crs(path: Path, header: Any) -> CRS | None:
+    """By the file's WKT, else by its GeoTIFF keys."""
     from pyproj.exceptions import CRSError
 
+    records = _records(header)
     with _damage(path):
         try:
-            crs: CRS | None = header.parse_crs()
+            texts = [
+                one.parse_crs() for one in records if one.record_id == _WKT and hasattr(one, "parse_crs")
+            ]
+            return next((crs for crs in reversed(texts) if crs is not None), None) or las_crs(records)
         except CRSError as error:
             raise MapError(path, "its coordinate reference system is damaged; pass crs") from error
-    return crs
+
+
+def _height_label(path: Path, header: Any) -> str | None:
+    with _damage(path):
+        return vertical_unit(las_directory(_records(header)))
+
+
+def _records(header: Any) -> list[Any]:
+    return [*header.vlrs, *(header.evlrs or ())]
 
 
 def _frame(
     crs: CRS | None,
     georeference: Georeference | None,
     rules: HeightRules,
+    metres_per_height: float,
     low: NDArray[np.float64],
     high: NDArray[np.float64],
 ) -> SourceFrame:
     x, y = ((low + high) / 2)[:2].tolist()
-    metres_per_height = rules.metres_per_height(crs)
     lowest = max(float(low[2]), LOWEST_PLAUSIBLE_M / metres_per_height)  # what lies below is noise
     return source_frame(crs, georeference, rules, metres_per_height, centre=(x, y), lowest=lowest)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.georeference import Georeference
+from crowdfence.maps.geo_keys import tiff_vertical_unit
 from crowdfence.maps.height_raster import Bridges, HeightRaster
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.source_frame import HeightRules, SourceFrame, source_frame
@@ -42,7 +43,7 @@ class RasterProjection:
             raise MapError(raster.path, "has no geotransform: nothing says where its pixels lie on Earth")
         if transform.is_degenerate or not all(math.isfinite(value) for value in transform):
             raise MapError(raster.path, f"its transform {tuple(transform)[:6]} gives pixels no area")
-        label = raster.dataset.units[raster.band - 1]
+        label = tiff_vertical_unit(raster.path) or raster.dataset.units[raster.band - 1]
         if unsaid := rules.unsaid_unit(crs, label):
             raise MapError(
                 raster.path,

@@ -31,10 +31,11 @@ class HeightRules:
 
     `unit`: "m", "ft" (international foot), "us-ft" (survey foot), or "auto": the unit of the vertical
     reference system, else of the file's own label, else of the horizontal axes where those are lengths, else
-    metres. Height models are refused where the horizontal axes would decide and are not metres: they hold
-    metres as often. Points of a laser scanner have one unit for all three. `offset_m` is added to every
-    height, for instance the height of the geoid above the ellipsoid; when given, it replaces the vertical
-    datum, and a vertical axis in the file gives only the unit.
+    metres. Files whose label contradicts the vertical system are refused, and height models where the
+    horizontal axes would decide and are not metres: they hold metres as often. Points of a laser scanner have
+    one unit for all three. `offset_m` is added to every height, for instance the height of the geoid above
+    the ellipsoid; when given, it replaces the vertical datum, and a vertical axis in the file gives only the
+    unit.
     """
 
     unit: HeightUnit = "auto"
@@ -55,11 +56,14 @@ class HeightRules:
         return None if horizontal.unit_conversion_factor == 1.0 else str(horizontal.unit_name)
 
     def metres_per_height(self, crs: CRS | None, label: str | None = None) -> float:
-        """Metres per unit of the file's heights; `label` is how the file itself calls the unit."""
+        """Metres per unit of the file's heights; `label` is how the file itself calls the unit. ValueError
+        where that contradicts the vertical reference system."""
         if self.unit != "auto":
             return METRES_PER_UNIT[self.unit]
         if crs is not None and len(crs.axis_info) > 2:
-            return float(crs.axis_info[2].unit_conversion_factor)
+            axis = crs.axis_info[2]
+            _require_one_unit(label, str(axis.unit_name), float(axis.unit_conversion_factor))
+            return float(axis.unit_conversion_factor)
         if label:
             return _labelled_unit_m(label)
         if crs is not None and crs.is_projected:
@@ -203,6 +207,13 @@ def horizontal_part(crs: CRS) -> CRS:
 
 
 def _labelled_unit_m(label: str) -> float:
+    known_m = _known_unit_m(label)
+    if known_m is None:
+        raise ValueError(f"the file gives heights in {label!r}; pass height_unit='m', 'ft' or 'us-ft'")
+    return known_m
+
+
+def _known_unit_m(label: str) -> float | None:
     words = label.lower().replace("_", " ").replace("-", " ").strip()
     if words in ("m", "metre", "metres", "meter", "meters"):
         return METRES_PER_UNIT["m"]
@@ -210,4 +221,15 @@ def _labelled_unit_m(label: str) -> float:
         return METRES_PER_UNIT["ft"]
     if words in ("us ft", "ftus", "usft", "us survey foot", "us survey feet", "foot us", "survey foot"):
         return METRES_PER_UNIT["us-ft"]
-    raise ValueError(f"the file gives heights in {label!r}; pass height_unit='m', 'ft' or 'us-ft'")
+    return None
+
+
+def _require_one_unit(label: str | None, axis_unit: str, axis_m: float) -> None:
+    """Of the two kinds of feet, which differ by 2 mm in a kilometre, many programs write the one for the
+    other."""
+    labelled_m = _known_unit_m(label) if label else None
+    if labelled_m is not None and not math.isclose(labelled_m, axis_m, rel_tol=1e-5):
+        raise ValueError(
+            f"the file gives heights in {label}, and its vertical reference system counts in {axis_unit}; "
+            "pass height_unit='m', 'ft' or 'us-ft'"
+        )
