@@ -258,6 +258,38 @@ def test_heights_of_zero_far_below_all_others_are_doubted(tmp_path):
     assert read_map(path, assume_local=True, height_unit="ft").doubts == ()  # 18.3 m
 
 
+@pytest.mark.parametrize("mark", [-99.0, -0.5, 1.0, 300.0])
+def test_other_marks_far_below_all_heights_are_doubted(tmp_path, mark):
+    heights = np.full((3, 4), 320.0)
+    heights[1, 1] = heights[2, 2] = mark
+    path = local_map(tmp_path, heights, nodata=None)
+    (doubt,) = read_map(path, assume_local=True).doubts
+    assert doubt.startswith(f"2 pixels (16.7%) have the height {mark:g} and all others 320 and more")
+    assert doubt.endswith(f"pass nodata={mark:g}")
+    assert read_map(path, assume_local=True, nodata=mark).doubts == ()
+    heights[1, 1] += 19.9  # the shore of a lake
+    assert read_map(local_map(tmp_path, heights, nodata=None), assume_local=True).doubts == ()
+
+
+def test_a_mark_is_named_as_it_is_stored(tmp_path):
+    stored = np.full((3, 4), 25_000)
+    stored[1, 1] = -32_768
+    path = local_map(tmp_path, stored, dtype="int16", nodata=None)
+    with rasterio.open(path, "r+") as dataset:
+        dataset.scales, dataset.offsets = [0.01], [0.0]
+    (doubt,) = read_map(path, assume_local=True).doubts
+    assert "the height -327.68 and all others 250" in doubt and doubt.endswith("pass nodata=-32768")
+    assert read_map(path, assume_local=True, nodata=-32_768).doubts == ()
+
+
+def test_a_picture_of_colours_is_no_height_model(tmp_path):
+    path = local_map(tmp_path, np.full((3, 3), 5), dtype="uint8", nodata=None, photometric="palette")
+    with rasterio.open(path, "r+") as dataset:
+        dataset.write_colormap(1, {index: (index, 0, 0, 255) for index in range(256)})
+    with pytest.raises(MapError, match="band 1 holds numbers of colours, not heights"):
+        open_terrain(path, assume_local=True)
+
+
 def test_whoever_takes_the_terrain_alone_is_warned(tmp_path):
     heights = np.array([[0.0, 60.0, 60.0]] * 3)
     path = local_map(tmp_path, heights, nodata=None)
@@ -299,6 +331,10 @@ def test_local_metres_are_never_guessed(tmp_path):
     nowhere = write_tif(tmp_path / "nowhere.tif", np.full((3, 3), 5.0), UTM[0], Affine.identity())
     with pytest.raises(MapError, match="no geotransform"):
         open_terrain(nowhere)
+    # Taken for metres, its rows would run to the north: the map mirrored.
+    picture = write_tif(tmp_path / "picture.tif", np.full((3, 3), 5.0), None, Affine.identity())
+    with pytest.raises(MapError, match="no geotransform"):
+        open_terrain(picture, assume_local=True)
 
 
 def test_a_stated_crs_stands_for_a_missing_one(tmp_path):

@@ -90,8 +90,8 @@ def open_geotiff(
         bridged = replace(projection, raster=replace(raster, bridges=bridges))
         voxels = _voxel_size(bridged, voxel_size_m)
         terrain = _terrain(path, bridged, voxels.size_m)
-        zeros = raster.zeros_doubt(projection.height_range[0], projection.frame.metres_per_height)
-        doubts = projection.frame.doubts if zeros is None else (*projection.frame.doubts, zeros)
+        mark = raster.mark_doubt(projection.height_range[0], projection.frame.metres_per_height)
+        doubts = projection.frame.doubts if mark is None else (*projection.frame.doubts, mark)
     terrain.georeference = projection.frame.georeference
     return MapReading(terrain, holes, voxels.why, doubts)
 
@@ -154,6 +154,8 @@ def _height_band(path: Path, dataset: Any, band: int | None) -> int:
         band = int(candidates[0])
     if not 1 <= band <= dataset.count:
         raise MapError(path, f"band is {band}, the file has bands 1 to {dataset.count}")
+    if dataset.colorinterp[band - 1] is ColorInterp.palette:
+        raise MapError(path, f"band {band} holds numbers of colours, not heights: it is a picture of a map")
     if np.dtype(dataset.dtypes[band - 1]).kind not in "iuf":
         raise MapError(path, f"band {band} is of type {dataset.dtypes[band - 1]}; heights are real numbers")
     return band

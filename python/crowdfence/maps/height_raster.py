@@ -19,7 +19,7 @@ from crowdfence.maps.map_error import MapError
 LOWEST_PLAUSIBLE_M = -500.0
 HIGHEST_PLAUSIBLE_M = 9000.0
 
-# Coasts have shores: where water at height 0 meets land, some land is lower than this.
+# Water has shores: where its level meets land, some land is less than this above it.
 _LOWEST_LAND_M = 20.0
 
 _STRIP_PIXELS = 1 << 24
@@ -100,33 +100,38 @@ class HeightRaster:
             for value in (lowest, highest):
                 if not LOWEST_PLAUSIBLE_M <= value * unit_m <= HIGHEST_PLAUSIBLE_M:
                     row, column = (int(index) for index in np.argwhere(strip == value)[0])
-                    raw = (value - self.dataset.offsets[self.band - 1]) / self.dataset.scales[self.band - 1]
                     raise MapError(
                         self.path,
                         f"height {value!r} at row {first_row + row}, column {column} lies outside "
                         f"[{LOWEST_PLAUSIBLE_M:g}, {HIGHEST_PLAUSIBLE_M:g}] m. If it marks missing data, "
-                        f"pass nodata={raw!r}; otherwise check band and height_unit",
+                        f"pass nodata={self._as_stored(value)!r}; otherwise check band and height_unit",
                     )
         if lowest > highest:
             raise MapError(self.path, "no pixel has a height: all are marked as missing")
         return lowest, highest
 
-    def zeros_doubt(self, lowest: float, unit_m: float) -> str | None:
-        """One sentence where heights of exactly 0, the `lowest` of the file, lie far below all others: the
-        commonest mark of missing data, which many programs do not declare."""
-        if lowest != 0.0:
-            return None
-        zeros, above = 0, math.inf
+    def mark_doubt(self, lowest: float, unit_m: float) -> str | None:
+        """One sentence where the `lowest` height of the file lies far below all others: so look marks of
+        missing data that the file does not declare, 0 most often."""
+        count, above = 0, math.inf
         for _, strip in self.strips():
-            zeros += int(np.count_nonzero(strip == 0.0))
-            above = min(above, float(np.min(strip, initial=math.inf, where=strip > 0.0)))
-        if not _LOWEST_LAND_M <= above * unit_m < math.inf:
+            count += int(np.count_nonzero(strip == lowest))
+            above = min(above, float(np.min(strip, initial=math.inf, where=strip > lowest)))
+            if (above - lowest) * unit_m < _LOWEST_LAND_M:
+                return None
+        if above == math.inf:
             return None
-        share = zeros / (self.width * self.height)
+        share = count / (self.width * self.height)
         return (
-            f"{zeros:,} pixels ({share:.1%}) have the height 0 and all others {above:.5g} and more: where 0 "
-            "marks missing data there are pits now, in which crowds are put in wrong places; pass nodata=0"
+            f"{count:,} pixels ({share:.1%}) have the height {lowest:.5g} and all others {above:.5g} and "
+            "more: where that marks missing data there are pits now, in which crowds are put in wrong places; pass "
+            f"nodata={self._as_stored(lowest):.17g}"
         )
+
+    def _as_stored(self, height: float) -> float:
+        """The value of a pixel before its scale and offset."""
+        value = (height - self.dataset.offsets[self.band - 1]) / self.dataset.scales[self.band - 1]
+        return round(value) if np.dtype(self.dataset.dtypes[self.band - 1]).kind in "iu" else value
 
     def strips(self, first: int = 0, stop: int | None = None) -> Iterator[tuple[int, NDArray[np.float64]]]:
         """Whole rows from `first` to before `stop`, some at a time: the number of their first and heights."""

@@ -39,8 +39,12 @@ class RasterProjection:
         """MapError where pixels have no place or no area or heights no unit, and for a raster without
         plausible heights."""
         transform = raster.dataset.transform
-        if crs is not None and transform.is_identity:
-            raise MapError(raster.path, "has no geotransform: nothing says where its pixels lie on Earth")
+        if transform.is_identity:  # what GDAL gives where there is none; rows would run to the north
+            raise MapError(
+                raster.path,
+                "has no geotransform: nothing says where its pixels lie and how large they are; give it one "
+                "(gdal_translate -a_ullr WEST NORTH EAST SOUTH, or a world file .tfw beside it)",
+            )
         if transform.is_degenerate or not all(math.isfinite(value) for value in transform):
             raise MapError(raster.path, f"its transform {tuple(transform)[:6]} gives pixels no area")
         label = tiff_vertical_unit(raster.path) or raster.dataset.units[raster.band - 1]
