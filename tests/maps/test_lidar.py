@@ -10,7 +10,7 @@ import pytest
 
 from crowdfence import Terrain
 from crowdfence.georeference import Georeference
-from crowdfence.maps import MapError, open_terrain, read_map
+from crowdfence.maps import MapError, open_terrain, read_map, stated_place
 from crowdfence.maps.ground_surface import triangulate
 from crowdfence.maps.point_cells import Gathered, VoxelKeys, cells, lowest, means, summed
 
@@ -78,6 +78,19 @@ def test_bridge_decks_that_are_left_out_are_told(tmp_path):
     everything = read_map(path, assume_local=True, surface="all", voxel_size_m=1.0)
     assert everything.doubts == () and (10, 10, 15) in voxel_set(everything.terrain)
     assert read_map(write_las(tmp_path / "plain.las", points), assume_local=True).doubts == ()
+
+
+def test_ground_that_was_classified_in_part_is_told(tmp_path):
+    """100 m x 100 m, of which a strip of 40 m in the west has the ground class."""
+    points = grid_points(100, lambda x, y: 5.3)
+    path = write_las(tmp_path / "part.las", points, np.where(points[:, 0] < 40, 2, 1))
+    (doubt,) = read_map(path, assume_local=True, voxel_size_m=1.0).doubts
+    assert doubt.startswith("60% of the area that holds points, 6,000 m2, is a hole in the map")
+    everything = read_map(path, assume_local=True, voxel_size_m=1.0, surface="all")
+    assert everything.doubts == () and len(everything.terrain.columns()) == 10_000
+    pond = write_las(tmp_path / "pond.las", points, np.where(points[:, 0] < 76, 2, 9))
+    assert read_map(pond, assume_local=True, voxel_size_m=1.0).doubts == ()
+    assert read_map(path, assume_local=True, voxel_size_m=1.0, surface="ground").doubts == ()
 
 
 def test_gaps_are_bridged_up_to_the_given_width(tmp_path):
@@ -199,6 +212,15 @@ def test_files_without_reference_system_are_refused(tmp_path):
     with_crs = write_las(tmp_path / "b.las", grid_points(5, lambda x, y: 3.0), crs="EPSG:32632")
     with pytest.raises(MapError, match="assume_local contradicts"):
         open_terrain(with_crs, assume_local=True)
+
+
+def test_a_local_system_is_none(tmp_path):
+    path = tmp_path / "a.las"
+    write_las(path, grid_points(5, lambda x, y: 3.0), crs='LOCAL_CS["site",UNIT["metre",1]]')
+    assert stated_place(path) == "unstated"
+    with pytest.raises(MapError, match="no coordinate reference system"):
+        open_terrain(path)
+    assert open_terrain(path, assume_local=True).georeference is None
 
 
 def test_useless_clouds_are_refused(tmp_path):

@@ -123,9 +123,9 @@ class HeightRaster:
             return None
         share = count / (self.width * self.height)
         return (
-            f"{count:,} pixels ({share:.1%}) have the height {lowest:.5g} and all others {above:.5g} and "
-            "more: where that marks missing data there are pits now, in which crowds are put in wrong places; pass "
-            f"nodata={self._as_stored(lowest):.17g}"
+            f"{count:,} pixels ({share:.1%}) have the height {lowest:.5g} and all others {above:.5g} "
+            "and more: where that marks missing data there are pits now, in which crowds are put in wrong "
+            f"places; pass nodata={self._as_stored(lowest):.17g}"
         )
 
     def _as_stored(self, height: float) -> float:

@@ -53,6 +53,9 @@ MAX_GROUND_COLUMNS = 5_000_000
 _WKT = 2112
 """Number of the record that holds the reference system as text."""
 
+_MOST_IN_HOLES = 0.25
+"""Of the columns with points; rivers, lakes and halls take up less."""
+
 _CHUNK_POINTS = 1_000_000
 _LARGEST_COORDINATE = 1e9
 
@@ -110,8 +113,10 @@ def open_lidar(
         survey = _Survey.of(_chunks(path, reader, frame, kinds), keys, only_ground=surface == "ground")
     terrain = survey.terrain(path, surface, max_hole_m)
     terrain.georeference = frame.georeference
-    decks = kinds[BRIDGE_DECK] if surface != "all" and len(survey.ground) else 0
-    return MapReading(terrain, voxel_size_why=voxels.why, doubts=(*frame.doubts, *_of_bridges(decks)))
+    doubts = frame.doubts
+    if surface != "all" and len(survey.ground):
+        doubts = (*doubts, *_of_bridges(kinds[BRIDGE_DECK]), *_of_holes(survey, terrain))
+    return MapReading(terrain, voxel_size_why=voxels.why, doubts=doubts)
 
 
 def _of_bridges(points: int) -> Iterator[str]:
@@ -119,6 +124,21 @@ def _of_bridges(points: int) -> Iterator[str]:
         yield (
             f"{points:,} points of bridge decks (class 17) are no ground and not in the map: who stands on a "
             "bridge is put on what lies below, beside where they stand; pass surface='all' to have them"
+        )
+
+
+def _of_holes(survey: _Survey, terrain: Terrain) -> Iterator[str]:
+    """Of a cloud that was classified in part."""
+    size_m = survey.keys.voxel_size_m
+    with_point = np.floor(survey.lowest[:, :2] / size_m).astype(np.int64)
+    ground = terrain.columns()[:, :2].astype(np.int64)
+    key, ground_key = ((columns[:, 0] << 32) + columns[:, 1] for columns in (with_point, ground))
+    in_hole = ~np.isin(key, ground_key)
+    if in_hole.sum() > _MOST_IN_HOLES * len(in_hole):
+        yield (
+            f"{in_hole.mean():.0%} of the area that holds points, {in_hole.sum() * size_m**2:,.0f} m2, is a "
+            "hole in the map, because no points of the ground class (2) lie around it: unless that is water, "
+            "crowds there are lost; pass surface='all' to have it"
         )
 
 
@@ -245,9 +265,10 @@ def _crs(path: Path, header: Any) -> CRS | None:
             texts = [
                 one.parse_crs() for one in records if one.record_id == _WKT and hasattr(one, "parse_crs")
             ]
-            return next((crs for crs in reversed(texts) if crs is not None), None) or las_crs(records)
+            crs = next((crs for crs in reversed(texts) if crs is not None), None) or las_crs(records)
         except CRSError as error:
             raise MapError(path, "its coordinate reference system is damaged; pass crs") from error
+    return None if crs is None or crs.is_engineering else crs  # "local" systems have no place on Earth
 
 
 def _height_label(path: Path, header: Any) -> str | None:
