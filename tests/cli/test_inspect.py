@@ -19,6 +19,7 @@ from crowdfence.inspection.timing import Timing
 from crowdfence.inspection.view_overlap import share_of_smaller
 from crowdfence.sources.recording import Frame, PixelSources, RefusedFrame
 from support.command_line import crowdfence
+from support.geo_key_files import write_las, write_tiff
 from support.small_recordings import flight, write_airsim
 
 EPOCH_NS = 1_760_000_000_000_000_000
@@ -430,6 +431,25 @@ def test_geotiff_in_feet(tmp_path: Path) -> None:
     assert content["terrain"]["georeference"]["height_m"] == 304.0  # 304.8 m, rounded down
     assert content["voxel_size_why"].startswith("finer than the file's pixels of 3 m")  # 10 ft, two digits
     assert content["terrain"]["voxel_size_m"] == 0.5
+
+
+@pytest.mark.parametrize("suffix", ["tif", "las"])
+def test_heights_whose_unit_the_file_leaves_unclear(tmp_path: Path, suffix: str) -> None:
+    """It names NAVD88, which counts in metres, and survey feet beside it; who says which may look at it."""
+    keys: dict[int, int | str] = {1024: 1, 1025: 1, 3072: 26910, 4096: 5103, 4099: 9003}
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "tif":
+        write_tiff(path, np.full((20, 20), 500.0), keys, west=500_000.0, north=5_150_000.0)
+    else:
+        east, north = np.mgrid[0:20, 0:20].reshape(2, -1) + 0.5
+        points = np.column_stack([500_000.0 + east, 5_150_000.0 - north, np.full(east.shape, 500.0)])
+        write_las(path, points, keys)
+    assert "pass --terrain-option height_unit=m" in error_line(path)
+    said = ("--terrain-option", "height_unit=us-ft", "--terrain-option", "height_offset_m=-20")
+    content = report(path, "--quick", *said)
+    assert content["terrain"]["georeference"]["height_m"] == 132.0  # 152.4 - 20, rounded down
+    assert content["file"]["metres_per_height"] == "not clear"
+    assert "NAVD88" in content["file"]["reference_system"] and "vertical_datum" not in content["file"]
 
 
 def test_options_of_the_map_reader(tmp_path: Path) -> None:

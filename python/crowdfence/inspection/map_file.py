@@ -8,6 +8,14 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from crowdfence.maps.geo_keys import (
+    compound_systems,
+    crs_of,
+    las_directory,
+    tiff_vertical_unit,
+    vertical_unit,
+)
+from crowdfence.maps.lidar import stated_crs
 from crowdfence.maps.source_frame import HeightRules
 
 if TYPE_CHECKING:
@@ -76,13 +84,12 @@ def _header_lines(path: Path, until: str) -> list[str]:
 
 def _geotiff_facts(path: Path) -> Facts:
     import rasterio
-    from pyproj import CRS
     from rasterio.errors import NotGeoreferencedWarning
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        with rasterio.open(path, driver="GTiff") as dataset:
-            crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019")) if dataset.crs else None
+        with compound_systems(), rasterio.open(path, driver="GTiff") as dataset:
+            crs = crs_of(dataset)
             facts: Facts = {
                 "width_px": dataset.width,
                 "height_px": dataset.height,
@@ -91,9 +98,9 @@ def _geotiff_facts(path: Path) -> Facts:
                 "pixel_size": max(dataset.res),
                 "nodata": "none declared" if dataset.nodata is None else f"{dataset.nodata:g}",
             }
-            rules, label = HeightRules(), dataset.units[0]
-            unsaid = rules.unsaid_unit(crs, label) is not None
-            facts |= _crs_facts(crs, "not stated" if unsaid else rules.metres_per_height(crs, label))
+            label = tiff_vertical_unit(path) or dataset.units[0]
+            unsaid = HeightRules().unsaid_unit(crs, label) is not None
+            facts |= _crs_facts(crs, "not stated" if unsaid else _metres_per_height(crs, label))
     return facts
 
 
@@ -102,13 +109,21 @@ def _lidar_facts(path: Path) -> Facts:
 
     with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as reader:
         header = reader.header
-        crs = header.parse_crs()
+        label = vertical_unit(las_directory([*header.vlrs, *(header.evlrs or ())]))
         facts: Facts = {
             "las_version": f"{header.version.major}.{header.version.minor}",
             "point_format": int(header.point_format.id),
             "points": int(header.point_count),
         }
-        return facts | _crs_facts(crs, HeightRules().metres_per_height(crs))
+    crs = stated_crs(path)
+    return facts | _crs_facts(crs, _metres_per_height(crs, label))
+
+
+def _metres_per_height(crs: CRS | None, label: str | None) -> float | str:
+    try:
+        return HeightRules().metres_per_height(crs, label)
+    except ValueError:  # a unit that has no name here, or two: the caller has said which
+        return "not clear"
 
 
 def _crs_facts(crs: CRS | None, metres_per_height: float | str) -> Facts:
