@@ -22,6 +22,7 @@ import pytest
 import rasterio
 import yaml
 from PIL import Image
+from rasterio.rio.main import main_group as rio
 
 import crowdfence
 from crowdfence import open_recording
@@ -50,7 +51,7 @@ PAGES = [
     "zones",
     "foxglove",
 ]
-NOT_RUN = ("source ",)
+NOT_RUN = ("source ", "export ")
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +60,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("desk")
     convert(open_recording(write_folder(folder / "plain", flight())), folder / "flight.mcap")
     write_dem(folder / "dem.tif")
+    (folder / "tiles").mkdir()
+    write_dem(folder / "tiles" / "1.tif")
+    (folder / "other.asc").write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n5 5\n5 5\n")
     write_log(folder)
     return folder
 
@@ -110,6 +114,10 @@ def test_what_a_page_shows_runs(desk: Path, page: str, monkeypatch: pytest.Monke
 
 def run(line: str) -> None:
     program, *words = shlex.split(line)
+    if program == "rio":
+        files = [sorted(map(str, Path().glob(word))) if "*" in word else [word] for word in words]
+        rio(list(itertools.chain(*files)), standalone_mode=False)
+        return
     assert program == "crowdfence", line
     with (
         contextlib.redirect_stdout(io.StringIO()) as out,

@@ -45,14 +45,20 @@ def test_what_is_no_map_file_is_refused(tmp_path):
     (tmp_path / "folder.tif").mkdir()
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "dem.tif").touch()
+    (tmp_path / "tiles").mkdir()
+    (tmp_path / "tiles" / "1.tif").touch()
+    (tmp_path / "tiles" / "2.TIF").touch()
     (tmp_path / "empty.laz").touch()
+    (tmp_path / "dem.asc").write_text("ncols 2")
     (tmp_path / "notes.txt").write_text("hill")
     for name, reason in {
         "folder.tif": r"is a folder, not a map file; it holds no \.bt \.ot \.tif",
-        "maps": r"is a folder, not a map file; name one of those in it: dem\.tif",
+        "maps": r"is a folder, not a map file; name one of those in it: dem\.tif$",
+        "tiles": r"name one of those in it: 1\.tif, 2\.TIF; tiles .* become one file with rio merge",
         "empty.laz": r"empty \(0 bytes\)",
         "missing.bt": "no such file",
-        "notes.txt": r"suffix '\.txt' is not one of a map file: \.bt \.ot \.tif",
+        "notes.txt": r"suffix '\.txt' is not one of a map file: \.bt \.ot \.tif .* \.obj$",
+        "dem.asc": r"suffix '\.asc' is not .*; make a \.tif of it: rio convert dem\.asc dem\.tif",
         "none": "suffix '' is not one",
     }.items():
         with pytest.raises(MapError, match=reason) as caught:

@@ -27,6 +27,9 @@ __all__ = ["MapError", "MapHoles", "MapReading", "open_terrain", "read_map", "st
 
 SUFFIXES = (".bt", ".ot", ".tif", ".tiff", ".las", ".laz", ".ply", ".obj")
 
+_RASTERS = (".asc", ".bil", ".dem", ".dt1", ".dt2", ".hgt", ".img", ".vrt")
+"""Other kinds of height models, which GDAL reads; some name further files, so they are not opened here."""
+
 _NUMBERS = ("int | None", "float | None", "float")
 _MOST_NAMED = 5
 """How readers declare options that are numbers."""
@@ -164,9 +167,12 @@ def _suffix(path: Path) -> str:
             if inside
             else f"it holds no {known}"
         )
+        if sum(Path(name).suffix.lower() in (".tif", ".tiff") for name in inside) > 1:
+            held += "; tiles of a height model become one file with rio merge, see docs/maps.md"
         raise MapError(path, f"is a folder, not a map file; {held}")
     if suffix not in SUFFIXES:
-        raise MapError(path, f"suffix {suffix!r} is not one of a map file: {known}")
+        cure = f"; make a .tif of it: rio convert {path.name} {path.stem}.tif" if suffix in _RASTERS else ""
+        raise MapError(path, f"suffix {suffix!r} is not one of a map file: {known}{cure}")
     if path.is_fifo():
         raise MapError(path, "is a pipe; save what it gives in a file, and name that")
     if not path.exists():

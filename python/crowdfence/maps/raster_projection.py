@@ -43,7 +43,7 @@ class RasterProjection:
             raise MapError(
                 raster.path,
                 "has no geotransform: nothing says where its pixels lie and how large they are; give it one "
-                "(gdal_translate -a_ullr WEST NORTH EAST SOUTH, or a world file .tfw beside it)",
+                "(rio edit-info --transform, or a world file .tfw beside it)",
             )
         if transform.is_degenerate or not all(math.isfinite(value) for value in transform):
             raise MapError(raster.path, f"its transform {tuple(transform)[:6]} gives pixels no area")
