@@ -2,7 +2,8 @@
 
 trimesh counts negative indices from the end of the whole file, takes index 0 for 1 and leaves out faces that
 are indented, follow a tab or were cut off, and a first line behind a byte order mark, all silently: houses
-vanish, and the ground behind them would be called empty. The format (Wavefront, appendix B1) counts from 1,
+vanish, and the ground behind them would be called empty. It also cuts faces of many corners into fans, which
+roof over the courts of houses. The format (Wavefront, appendix B1) counts from 1,
 and negative indices from the last vertex before the face.
 """
 
@@ -11,17 +12,24 @@ from __future__ import annotations
 from codecs import BOM_UTF8
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from crowdfence.errors import quoted
 from crowdfence.maps.map_error import MapError
+from crowdfence.maps.polygons import triangles_of
 
 _INDENTED = (b"\n ", b"\n\t", b"\nf\t", b"\nv\t")
 _CONTINUED = (b"\\\n", b"\\\r")
+MOST_CORNERS = 1000
+"""Of a face; cutting it up takes a second then, and four for twice as many."""
 
 
 def plain_obj(path: Path, data: bytes) -> bytes:
-    """`data` with vertices and faces that begin their lines, with positive indices; the same bytes where they
-    are so already, which costs 2 s for 100 MB. MapError names a line with a face of fewer than three
-    corners, or an index that is none; whether a positive one exists, the parser finds out."""
+    """`data` with vertices and faces that begin their lines, with positive indices, and with triangles for
+    faces of five corners and more; the same bytes where they are so already, which costs 2 s for 100 MB.
+    MapError names a line with a face of fewer than three corners or too many, or an index that is none;
+    whether a positive one exists, the parser finds out."""
     data = data.removeprefix(BOM_UTF8)
     lines = data.splitlines()
     unlike = any(mark in data for mark in (*_INDENTED, *_CONTINUED)) or data[:1] in (b" ", b"\t")
@@ -34,7 +42,7 @@ def plain_obj(path: Path, data: bytes) -> bytes:
         b"-" in together
         or b" 0" in together
         or with_slash not in (0, len(faces))  # the parser goes by the count of numbers in a line
-        or any(len(line.split()) < 4 for line in faces)
+        or any(not 4 <= len(line.split()) <= 5 for line in faces)
     ):
         _make_plain(path, lines)
     elif not unlike:
@@ -63,7 +71,7 @@ def _joined(lines: list[bytes]) -> list[bytes]:
 
 def _make_plain(path: Path, lines: list[bytes]) -> None:
     """Faces as "f 1 2 3": absolute indices of vertices without those of textures and normals, in place."""
-    vertices = 0
+    places, vertices = _places(lines), 0
     for number, line in enumerate(lines, start=1):
         if line.startswith(b"v "):
             vertices += 1
@@ -73,8 +81,33 @@ def _make_plain(path: Path, lines: list[bytes]) -> None:
                 raise MapError(
                     path, f"line {number} gives a face {len(corners)} corners: truncated or damaged"
                 )
+            if len(corners) > MOST_CORNERS:
+                raise MapError(
+                    path,
+                    f"line {number} gives a face {len(corners)} corners, the bound is {MOST_CORNERS}; write "
+                    "it with triangles alone",
+                )
             indices = [_absolute(path, corner, number, vertices) for corner in corners]
-            lines[number - 1] = b"f %s" % " ".join(map(str, indices)).encode()
+            faces = _cut(indices, places)
+            lines[number - 1] = b"\n".join(b"f %s" % " ".join(map(str, face)).encode() for face in faces)
+
+
+def _places(lines: list[bytes]) -> NDArray[np.float64]:
+    """Vertices [N, 3]; none where a line is not three numbers, which the parser complains about."""
+    try:
+        places = np.array([line.split()[1:4] for line in lines if line.startswith(b"v ")], np.float64)
+    except ValueError:
+        return np.empty((0, 3))
+    return places if places.ndim == 2 and places.shape[1] == 3 else np.empty((0, 3))
+
+
+def _cut(indices: list[int], places: NDArray[np.float64]) -> list[list[int]]:
+    if len(indices) == 3 or max(indices) > len(places):
+        return [indices]
+    corners = places[np.array(indices) - 1]
+    if not np.isfinite(corners).all():
+        return [indices]
+    return [[indices[corner] for corner in triangle] for triangle in triangles_of(corners)]
 
 
 def _absolute(path: Path, corner: bytes, number: int, vertices: int) -> int:
