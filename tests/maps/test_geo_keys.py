@@ -9,6 +9,7 @@ import rasterio
 from rasterio.transform import from_origin
 
 from crowdfence.maps import MapError, open_terrain, stated_place
+from crowdfence.maps.geo_keys import tiff_vertical_unit
 from support.geo_key_files import write_las, write_tiff
 
 pytestmark = pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
@@ -61,6 +62,22 @@ def test_a_vertical_system_counts_in_files_of_both_versions(tmp_path, version):
         assert "NAVD88 height" in error.reason
     else:
         assert height_m < HEIGHT - 10
+
+
+@pytest.mark.parametrize("order", ["LITTLE", "BIG"])
+@pytest.mark.parametrize("big", ["YES", "NO"])
+def test_the_key_of_the_unit_is_found_in_every_form_of_tiff(tmp_path, order, big):
+    path = tmp_path / "a.tif"
+    size = {"height": 4, "width": 4, "count": 1, "transform": from_origin(EAST, NORTH, 1, 1)}
+    form = {"GEOTIFF_VERSION": "1.0", "ENDIANNESS": order, "BIGTIFF": big}
+    with rasterio.open(
+        path, "w", driver="GTiff", dtype="float32", crs="EPSG:6339+6360", **form, **size
+    ) as dataset:
+        dataset.write(np.full((1, 4, 4), HEIGHT, np.float32))
+    assert tiff_vertical_unit(path) == "US survey foot"
+    with rasterio.open(path, "w", driver="GTiff", dtype="float32", **form, **size) as dataset:
+        dataset.write(np.full((1, 4, 4), HEIGHT, np.float32))
+    assert tiff_vertical_unit(path) is None
 
 
 @pytest.mark.parametrize("kind", ["tif", "las"])
