@@ -80,6 +80,14 @@ def test_bridge_decks_that_are_left_out_are_told(tmp_path):
     assert read_map(write_las(tmp_path / "plain.las", points), assume_local=True).doubts == ()
 
 
+def test_a_stray_point_is_told_by_what_the_header_spans(tmp_path):
+    """It pulls the middle of the file away, so that a good point is the first too far from there."""
+    points = np.vstack([grid_points(20, lambda x, y: 5.0) + np.array([500_000, 5_150_000, 0]), [0, 0, 0]])
+    path = write_las(tmp_path / "a.las", points, [2] * 400 + [7], crs="EPSG:32632", scale=0.01)
+    with pytest.raises(MapError, match=r"spans x 0 to 500019\.5, y 0 to 5150019\.5; leave that point out"):
+        open_terrain(path)
+
+
 def test_ground_that_was_classified_in_part_is_told(tmp_path):
     """100 m x 100 m, of which a strip of 40 m in the west has the ground class."""
     points = grid_points(100, lambda x, y: 5.3)

@@ -317,13 +317,15 @@ def _chunks(path: Path, reader: Any, frame: SourceFrame, kinds: Counter[int]) ->
                 "check height_unit",
             )
         points = frame.local_from_source(x, y, z)
-        far = np.abs(points[:, :2]).max(axis=1) > MAX_DISTANCE_M
+        far = usable & (np.abs(points[:, :2]).max(axis=1) > MAX_DISTANCE_M)
         if frame.crs is not None and far.any():
             first = int(np.argmax(far))
             raise MapError(
                 path,
                 f"point {count + first} at ({x[first]}, {y[first]}) lies more than "
-                f"{MAX_DISTANCE_M / 1000:.0f} km from the anchor: the file is damaged",
+                f"{MAX_DISTANCE_M / 1000:.0f} km from the anchor: the file is damaged, or has a stray point: "
+                f"its header spans x {reader.header.mins[0]:.10g} to {reader.header.maxs[0]:.10g}, y "
+                f"{reader.header.mins[1]:.10g} to {reader.header.maxs[1]:.10g}; leave that point out of it",
             )
         count += len(points)
         yield points[usable], (kind == GROUND)[usable]
