@@ -152,10 +152,14 @@ def _height_band(path: Path, dataset: Any, band: int | None) -> int:
         if len(candidates) != 1:
             raise MapError(path, f"has {dataset.count} bands; say which one holds heights, such as band=1")
         band = int(candidates[0])
+        if dataset.colorinterp[band - 1] is ColorInterp.palette:
+            raise MapError(
+                path,
+                f"band {band} holds numbers of colours, as a picture of a map does; pass band={band} if they "
+                "are heights all the same",
+            )
     if not 1 <= band <= dataset.count:
         raise MapError(path, f"band is {band}, the file has bands 1 to {dataset.count}")
-    if dataset.colorinterp[band - 1] is ColorInterp.palette:
-        raise MapError(path, f"band {band} holds numbers of colours, not heights: it is a picture of a map")
     if np.dtype(dataset.dtypes[band - 1]).kind not in "iuf":
         raise MapError(path, f"band {band} is of type {dataset.dtypes[band - 1]}; heights are real numbers")
     return band
