@@ -129,6 +129,8 @@ describe("units", () => {
     const anchor = { latitude_deg: 46.5, longitude_deg: 8, height_m: 1200 };
     expect(place(1000, 1000, anchor, "metres")).toBe("46.50899° N 8.01303° E"); // as in earth.test.ts
     expect(degrees(-33.5, -70.25)).toBe("33.50000° S 70.25000° W");
+    expect(degrees(-16.8, 180.0125)).toBe("16.80000° S 179.98750° W"); // Taveuni, seen from the west
+    expect(degrees(-16.8, -180.0125)).toBe("16.80000° S 179.98750° E");
     expect(place(12, -7, null, "metres")).toBe("E 12 m  N −7 m");
   });
 

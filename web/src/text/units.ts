@@ -44,7 +44,9 @@ export function probability(value: number | null): string {
   return value.toFixed(value < 0.1 ? 3 : 2);
 }
 
+/** Beyond the antimeridian east is west. */
 export function degrees(latitude: number, longitude: number): string {
+  if (Math.abs(longitude) > 180) longitude -= Math.sign(longitude) * 360;
   const north = `${Math.abs(latitude).toFixed(5)}° ${latitude < 0 ? "S" : "N"}`;
   return `${north} ${Math.abs(longitude).toFixed(5)}° ${longitude < 0 ? "W" : "E"}`;
 }
