@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { bounded, carried, groundUnder, overview, settled, viewportOf, type Camera } from "../src/map/camera";
-import { boundsOf, contains, crossesItself, draped, groundOf, lineLength, middleOf, ringArea } from "../src/map/geometry";
+import { boundsOf, contains, crossesItself, draped, groundOf, lineLength, middleOf, onMap, ringArea } from "../src/map/geometry";
 import { turned } from "../src/map/gestures";
 import { Heights } from "../src/map/heights";
 import { skirtMesh, terrainMesh } from "../src/map/terrain_mesh";
@@ -25,6 +25,12 @@ describe("the ground that is worth showing", () => {
   it("is the map where nothing is on it, or all beside it", () => {
     expect(groundOf([], map)).toEqual(map);
     for (const place of [[30, 30], [-900, 90], [-600, 200], [-600, -40]]) expect(groundOf([place], map)).toEqual(map);
+  });
+
+  it("is of a zone far larger than the map the part on it", () => {
+    expect(onMap([-30_000, -30_000, 30_000, 30_000], map)).toEqual(map);
+    expect(onMap([-700, 40, -600, 900], map)).toEqual([-690, 40, -600, 160]);
+    for (const beside of [[-519, 40, 0, 90], [-650, 161, -600, 190]]) expect(onMap(beside as [number, number, number, number], map)).toBeNull();
   });
 });
 
@@ -151,5 +157,15 @@ describe("outlines", () => {
     expect(Math.max(...line.map(([, , up]) => up))).toBeCloseTo(10.5, 1);
     const gaps = line.slice(1).map(([east], k) => east - line[k][0]);
     expect(Math.max(...gaps)).toBeLessThanOrEqual(1 + 1e-9);
+  });
+
+  it("have no corners beyond the ground, however long they are", () => {
+    const hill = middles((east) => 10 * Math.exp(-(east * east) / 50));
+    const line = draped([[-30_000, 0], [30_000, 0], [30_000, 30_000], [-30_000, 0]], hill, 0.5);
+    expect(line.length).toBeLessThan(250); // 100 cells of ground twice at most, and the corners
+    expect(line.filter(([east]) => Math.abs(east) > 51).length).toBe(4);
+    const over = line.filter(([east, north]) => Math.abs(east) <= 50 && north === 0);
+    expect(Math.max(...over.map(([, , up]) => up))).toBeCloseTo(10.5, 1);
+    expect(Math.max(...over.slice(1).map(([east], k) => east - over[k][0]))).toBeLessThanOrEqual(1 + 1e-9);
   });
 });

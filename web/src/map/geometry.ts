@@ -45,6 +45,12 @@ export function groundOf(points: Iterable<readonly number[]>, map: Bounds): Boun
   return [west - margin, south - margin, east + margin, north + margin];
 }
 
+/** What of the bounds lies on the map; null for what lies beside it. */
+export function onMap([west, south, east, north]: Bounds, map: Bounds): Bounds | null {
+  const shared: Bounds = [Math.max(west, map[0]), Math.max(south, map[1]), Math.min(east, map[2]), Math.min(north, map[3])];
+  return shared[0] <= shared[2] && shared[1] <= shared[3] ? shared : null;
+}
+
 export function cornersOf(outline: Outline): Corner[] {
   return outline.flat(2);
 }
@@ -61,9 +67,23 @@ export function middleOf(outline: Outline): Corner {
   return best ? [(best[0] + best[2]) / 2, (best[1] + best[3]) / 2] : [0, 0];
 }
 
-/** The line with corners at most `spacing_m` apart and `above_m` over the ground; a flat line cuts through hills. */
+/** From where to where, as shares of its length, the line between two places is over the ground; null where it is beside it. */
+function shareOver([west, south, east, north]: Bounds, [x, y]: readonly number[], [u, v]: readonly number[]): [number, number] | null {
+  let [from, to] = [0, 1];
+  for (const [at, way, low, high] of [[x, u - x, west, east], [y, v - y, south, north]]) {
+    if (way === 0 && (at < low || at > high)) return null;
+    if (way === 0) continue;
+    const [a, b] = [(low - at) / way, (high - at) / way];
+    [from, to] = [Math.max(from, Math.min(a, b)), Math.min(to, Math.max(a, b))];
+  }
+  return from <= to ? [from, to] : null;
+}
+
+/** The line `above_m` over the ground, with corners at most a cell apart where there is ground; a flat line cuts
+ * through hills. A control zone of 50 km around a small map has no 200 000 corners for that. */
 export function draped(line: readonly (readonly number[])[], heights: Heights, above_m: number): Place[] {
-  const spacing_m = heights.frame.cell_size_m;
+  const { west, north, columns, rows, cell_size_m: spacing_m } = heights.frame;
+  const ground: Bounds = [west, north - rows * spacing_m, west + columns * spacing_m, north];
   const places: Place[] = [];
   let last = 0;
   const put = (east: number, north: number, otherwise: number) => {
@@ -75,7 +95,9 @@ export function draped(line: readonly (readonly number[])[], heights: Heights, a
     if (k > 0) {
       const [x, y] = line[k - 1];
       const pieces = Math.ceil(Math.hypot(corner[0] - x, corner[1] - y) / spacing_m);
-      for (let i = 1; i < pieces; i++) {
+      const [from, to] = shareOver(ground, line[k - 1], corner) ?? [1, 0];
+      const end = Math.min(Math.ceil(to * pieces), pieces - 1);
+      for (let i = Math.max(Math.floor(from * pieces), 1); i <= end; i++) {
         put(x + ((corner[0] - x) * i) / pieces, y + ((corner[1] - y) * i) / pieces, last);
       }
     }

@@ -12,7 +12,7 @@ import { css, droneColour, PALETTES, type Palette, type Rgb } from "./colours";
 import { BaseMap } from "./base_map";
 import { curtainMesh } from "./curtain";
 import { drapeFrame, groundPixels, paintAreas, paintBelief, type Area, type DrapeFrame } from "./drape";
-import { contains, cornersOf, draped, groundOf, type Bounds } from "./geometry";
+import { boundsOf, contains, cornersOf, draped, groundOf, onMap, type Bounds } from "./geometry";
 import { listen } from "./gestures";
 import type { Heights } from "./heights";
 import { MOST_VERTICES, skirtMesh, terrainMesh, type Mesh } from "./terrain_mesh";
@@ -143,10 +143,10 @@ export class MapView {
     if (this.ground) this.fly(overview(this.interesting(), this.size, this.ground.shown));
   }
 
-  /** Shows ground near the middle, as large as it fits well. */
+  /** Shows ground near the middle, as large as it fits well; of what is larger than the map the part on it. */
   flyTo(bounds: Bounds): void {
     if (!this.ground) return;
-    const [west, south, east, north] = bounds;
+    const [west, south, east, north] = onMap(bounds, this.ground.bounds) ?? bounds;
     const margin = Math.max(east - west, north - south, 30) * 0.9;
     const wide: Bounds = [west - margin, south - margin, east + margin, north + margin];
     const { rotationOrbit, rotationX } = this.camera;
@@ -180,10 +180,16 @@ export class MapView {
   /** Ground with something on it; the whole map where there is nothing. */
   private interesting(): Bounds {
     const { moment, scene } = this.store.state;
+    const map = scene?.bounds ?? ([-100, -100, 100, 100] as Bounds);
     const points: (readonly number[])[] = [];
-    for (const zone of moment?.zones.zones ?? []) points.push(...cornersOf(zone.polygon));
+    for (const zone of moment?.zones.zones ?? []) {
+      const bounds = boundsOf(cornersOf(zone.polygon));
+      // A control zone around the map would leave a dot of the map; one beside it is not what drones look at.
+      const shown = bounds && onMap(bounds, map);
+      if (shown) points.push([shown[0], shown[1]], [shown[2], shown[3]]);
+    }
     for (const drone of moment?.drones ?? []) if (drone.position) points.push(drone.position);
-    return groundOf(points, scene?.bounds ?? [-100, -100, 100, 100]);
+    return groundOf(points, map);
   }
 
   // -------------------------------------------------------------- pointer
