@@ -87,6 +87,24 @@ def test_a_drone_whose_clock_is_behind_is_not_sought_on_its_link(tmp_path: Path)
         assert alert is not None and "one came" not in alert.text
 
 
+def test_a_drone_that_falls_silent_is_not_said_to_have_a_wrong_clock(tmp_path: Path) -> None:
+    """Its last view came half a second after its stamp, as views do: just after five seconds it is a view
+    that came within the last five."""
+    now = Now()
+    with running(tmp_path, clock=now.clock()) as service:
+        watch = Watch(service)
+        assert service.live is not None
+        one = view("uav1", 3)
+        now.ns = one.stamp_ns + SECOND_NS // 2
+        service.live.intake.give_view(message(one))
+        settle(service)
+        now.ns += round(4.8 * SECOND_NS)
+        watch.look()
+        alert = service.alerts.active("drone_silent", "uav1")
+        assert alert is not None and "no view from uav1 for more than 5 s" in alert.text
+        assert "clock" not in alert.text and "one came" not in alert.text
+
+
 def test_silence_is_an_alarm_and_opens_nothing(tmp_path: Path) -> None:
     now = Now()
     with running(tmp_path, clock=now.clock(), drones=("uav1", "uav2", "uav3")) as service:

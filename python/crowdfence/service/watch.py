@@ -144,8 +144,10 @@ class Watch:
                 else f"no view from {drone} since the start of the service, for more than {most_s:g} s: what "
                 "it should look at is seen by nobody"
             )
-            if last_ns and drone in came and 0 <= now_ns - came[drone] <= most_s * _SECOND_NS:
-                late_s = (came[drone] - last_ns) / _SECOND_NS
+            late_s = (came.get(drone, 0) - last_ns) / _SECOND_NS
+            # One that is late by less was there in time: that none followed is what is wrong.
+            is_late = late_s > most_s / 2.0
+            if last_ns and is_late and 0 <= now_ns - came[drone] <= most_s * _SECOND_NS:
                 text += (
                     f"; one came in that time, {late_s:.1f} s after its stamp: the clock of the drone is "
                     "behind, and poses that --mavlink tells for its views are those of then, or its link "
