@@ -61,6 +61,8 @@ export class MapView {
   /** Called with the ground that was clicked, before anything is selected there. */
   onDraw: (place: [number, number]) => void = () => {};
   onDrawEnd: () => void = () => {};
+  /** The browser took away what the map is drawn with, and will not give it back: this view stays blank. */
+  onLost: () => void = () => {};
 
   constructor(
     private readonly parent: HTMLDivElement,
@@ -100,12 +102,25 @@ export class MapView {
         onLeave: () => this.onPoint(null),
       }),
     );
+    const lost = () => this.onLost();
+    parent.addEventListener("webglcontextlost", lost, true); // of the canvas inside
+    this.ended.push(() => parent.removeEventListener("webglcontextlost", lost, true));
     this.update(store.state);
+  }
+
+  /** Whether the browser draws in 3D at all, now: without a graphics card some do not, others not after a crash. */
+  static get isPossible(): boolean {
+    const context = document.createElement("canvas").getContext("webgl2");
+    context?.getExtension("WEBGL_lose_context")?.loseContext(); // browsers have a few at most
+    return context !== null;
   }
 
   end(): void {
     for (const end of this.ended) end();
+    window.clearTimeout(this.drapeTimer);
+    window.cancelAnimationFrame(this.flight ?? 0);
     this.deck.finalize();
+    this.parent.replaceChildren();
   }
 
   get viewport(): Viewport {

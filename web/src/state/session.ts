@@ -292,12 +292,20 @@ export async function showPast(stamp_ns: string): Promise<void> {
         belief_arrived: arrived,
       });
     } catch (error) {
-      setTime({ playing: false });
+      if (store.state.time.following) break;
       notify(reasonOf(error), "error");
-      break;
+      if (wanted === null) stayAtShown();
     }
   }
   asking = false;
+}
+
+/** Where the moment asked for cannot be had, time and exports stay those of what is shown; of a page that shows
+ * nothing yet, as one opened by a link to what is no longer kept, those of now. */
+function stayAtShown(): void {
+  const { moment } = store.state;
+  if (!moment) goLive();
+  else setTime({ playing: false, stamp_ns: moment.stamp_ns, stamp_ms: moment.stamp_ms });
 }
 
 function closedAt(stamp_ms: number): number | null {

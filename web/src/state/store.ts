@@ -64,6 +64,8 @@ export interface State {
   connected: boolean;
   /** Why the page shows nothing, where it does not. */
   failure: string | null;
+  /** Whether the browser draws no map: it has no WebGL, or has lost what it drew with. */
+  blank: boolean;
   heights: Heights | null;
   moment: Moment | null;
   belief: Belief | null;
@@ -96,6 +98,7 @@ export const EMPTY_STATE: State = {
   mode: null,
   connected: false,
   failure: null,
+  blank: false,
   heights: null,
   moment: null,
   belief: null,

@@ -280,6 +280,7 @@ function DroneCard({ drone, id }: { drone: Drone | null; id: string }) {
   const heights = useStore((state) => state.heights);
   const following = useStore((state) => state.following_drone);
   const moment = useStore((state) => state.moment);
+  const live = useStore((state) => state.time.following);
   const [heat, setHeat] = useState(0.75);
   if (!drone) return <div class="card"><Head title={id} kind="drone" /><p class="empty">No drone of this name at this moment.</p></div>;
   const over = drone.position && heights ? drone.position[2] - heights.at(drone.position[0], drone.position[1]) : NaN;
@@ -336,11 +337,17 @@ function DroneCard({ drone, id }: { drone: Drone | null; id: string }) {
         )}
         {drone.range_m !== null && <Fact name="looks as far as">{length(drone.range_m, units)}</Fact>}
         {(drone.trail?.length ?? 0) > 1 && <Fact name="flown">{length(lineLength(drone.trail!), units)}</Fact>}
+        {live && drone.lag_s !== null && <Fact name="views come" test="lag">{lagOf(drone.lag_s)}</Fact>}
         <Fact name="footprint">{drone.footprint.length ? "on the map" : "no ground in the picture"}</Fact>
       </dl>
       <DroneActions drone={drone} allowed={mayOperate(scene)} />
     </div>
   );
+}
+
+/** Of the quickest of late: what waits for a slow link, and a clock that is off, show here alike. */
+function lagOf(lag_s: number): string {
+  return lag_s < 0 ? `${duration(-lag_s)} before their stamps` : `${duration(lag_s)} after their stamps`;
 }
 
 function DroneActions({ drone, allowed }: { drone: Drone; allowed: boolean }) {
@@ -460,7 +467,7 @@ function Mission() {
             <p class="hint">Everything else on the map was never seen. Only “{STATE_WORDS[VoxelState.empty]}” speaks against crowd.</p>
           </>
         ) : (
-          <p class="empty">Nothing has been seen yet.</p>
+          <p class="empty">{moment ? "Nothing has been seen yet." : "Not known yet."}</p>
         )}
       </section>
       <dl class="facts">

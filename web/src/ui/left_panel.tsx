@@ -30,7 +30,7 @@ function ZoneList() {
   return (
     <section class="grow">
       <h2>
-        Closed ground <b>{zones.length}</b>
+        Closed ground <b>{moment ? zones.length : "–"}</b>
       </h2>
       {moment && zones.length === 0 && (
         <p class="empty">No zone is closed. That says nothing of ground that nobody has seen.</p>
@@ -89,9 +89,9 @@ function Fleet() {
   return (
     <section>
       <h2>
-        Fleet <b>{drones.length}</b>
+        Fleet <b>{moment ? drones.length : "–"}</b>
       </h2>
-      {drones.length === 0 && <p class="empty">No drone has sent a view yet.</p>}
+      {moment && drones.length === 0 && <p class="empty">No drone has sent a view yet.</p>}
       <ul class="list">
         {drones.map((drone) => {
           const chosen = selection?.kind === "drone" && selection.id === drone.drone;

@@ -24,6 +24,8 @@ import { ScaleBar } from "./scale_bar";
 let shown: MapView | null = null;
 export const map = () => shown;
 
+const DRAW_AGAIN_MS = 2000;
+
 export function MapPanel() {
   const parent = useRef<HTMLDivElement>(null);
   const labels = useRef<HTMLDivElement>(null);
@@ -31,28 +33,45 @@ export function MapPanel() {
   const [pixel_m, setPixel] = useState(0);
   const drawing = useStore((state) => state.drawing);
   const pictures = useStore((state) => state.layers.pictures);
+  const blank = useStore((state) => state.blank);
   useEffect(() => {
-    const view = new MapView(parent.current!, store, select);
-    shown = view;
-    view.onPoint = setPointed;
-    view.onFrame = (viewport) => {
-      placeLabels(labels.current, viewport);
-      const { camera } = store.state;
-      if (camera) setPixel(1 / 2 ** camera.zoom);
+    let timer: number | undefined;
+    const begin = () => {
+      const blank = !MapView.isPossible;
+      store.set({ blank });
+      if (blank) {
+        timer = window.setTimeout(begin, DRAW_AGAIN_MS);
+        return;
+      }
+      const view = new MapView(parent.current!, store, select);
+      shown = view;
+      view.onPoint = setPointed;
+      view.onFrame = (viewport) => {
+        placeLabels(labels.current, viewport);
+        const { camera } = store.state;
+        if (camera) setPixel(1 / 2 ** camera.zoom);
+      };
+      view.onDraw = (corner) => store.set({ drawing: [...(store.state.drawing ?? []), corner] });
+      view.onDrawEnd = endDrawing;
+      view.onLost = () => {
+        end();
+        store.set({ blank: true });
+        timer = window.setTimeout(begin, DRAW_AGAIN_MS);
+      };
     };
-    view.onDraw = (corner) => store.set({ drawing: [...(store.state.drawing ?? []), corner] });
-    view.onDrawEnd = endDrawing;
-    return () => {
-      view.end();
+    const end = () => {
+      window.clearTimeout(timer);
+      shown?.end();
       shown = null;
     };
+    begin();
+    return end;
   }, []);
   return (
     <main class={`map ${drawing ? "drawing" : ""}`}>
       <div ref={parent} class="canvas" data-test="map" tabIndex={0} role="application" aria-label="Map of what is known of the ground" />
-      <div ref={labels} class="labels">
-        <Labels />
-      </div>
+      <div ref={labels} class="labels">{!blank && <Labels />}</div>
+      {blank && <Blank />}
       <Banner />
       <Tools />
       <Waiting />
@@ -246,7 +265,20 @@ function PointedAt({ pointed }: { pointed: Pointed | null }) {
   );
 }
 
+/** A map without ground and zones looks like one on which nothing is closed. */
+function Blank() {
+  return (
+    <div class="waiting" role="alert" data-test="blank">
+      <Icon name="warning" size={28} />
+      <b>The browser does not draw the map.</b>
+      <span>It has no WebGL 2, or its graphics driver has stopped. It is tried again. What is closed is in the list of zones: an empty map is no all-clear.</span>
+    </div>
+  );
+}
+
 function Waiting() {
+  const connected = useStore((state) => state.connected);
+  const blank = useStore((state) => state.blank);
   const failure = useStore((state) => state.failure);
   const moment = useStore((state) => state.moment);
   const drapes = useStore((state) => state.drapes);
@@ -260,12 +292,24 @@ function Waiting() {
       </div>
     );
   }
-  if (moment && drapes > 0) return null;
+  if (moment && (drapes > 0 || blank)) return null;
+  if (scene && !moment && !connected) {
+    return (
+      <div class="waiting" data-test="unheard">
+        <span class="spinner" />
+        <b>Waiting for the stream of the service</b>
+        <span>
+          Until it is there this page knows neither zones nor drones: do not take it for an all-clear. Where it stays so, a proxy before the
+          service lets no WebSockets through.
+        </span>
+      </div>
+    );
+  }
   return (
     <div class="waiting">
       <span class="spinner" />
-      <b>{scene ? "Waiting for the first views" : "Loading the mission"}</b>
-      {scene && <span>Nothing has been seen yet. Unseen ground is not safe ground.</span>}
+      <b>{moment ? "Drawing the map" : scene ? "Waiting for the first views" : "Loading the mission"}</b>
+      {scene && !moment && <span>Nothing has been seen yet. Unseen ground is not safe ground.</span>}
     </div>
   );
 }
