@@ -4,12 +4,14 @@ import io
 import os
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext
 
+from crowdfence.service.access import remove_token
 from support.live_field import give_views, live_field
 from support.map_page import Console, Server, open_console
 
@@ -101,3 +103,19 @@ def test_the_card_of_a_drone_says_how_late_its_views_come(context: BrowserContex
     (uav1,) = server.ask("/drones")["drones"]
     assert 0.0 <= uav1["lag_s"] < 9.0
     assert console.find("lag").inner_text() == f"{uav1['lag_s']:.1f} s after their stamps"
+
+
+def test_a_page_whose_token_was_taken_back_does_not_wait_for_the_network(
+    browser: Browser, tmp_path: Path
+) -> None:
+    with live_field(tmp_path) as server:
+        server.admit("viewer")
+        give_views(server, ["uav1"], count=2, every_s=0.5)
+        context = browser.new_context(reduced_motion="reduce")
+        console = open_console(context, server, "operator")
+        server.kill()
+        console.find("offline").get_by_text("The connection to the service is lost").wait_for()
+        remove_token(server.tokens, "a-operator")
+        server.start()
+        console.find("offline").get_by_text("The service no longer knows your token").wait_for()
+        context.close()

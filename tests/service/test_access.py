@@ -14,6 +14,7 @@ import crowdfence
 from crowdfence.cli.app import app as command_line
 from crowdfence.maps import MapError
 from crowdfence.service.access import Access, TokenFileError, add_token, read_tokens, remove_token
+from crowdfence.service.app import make_app
 from crowdfence.service.guard import Rate
 from crowdfence.service.server import LOOPBACK_NAMES, Address, OpenToAll
 from crowdfence.service.service import Service
@@ -134,14 +135,36 @@ def test_the_page_turns_a_token_into_a_cookie_once(guarded) -> None:
     service, tokens, _ = guarded
     with asked(service, secure=True) as http:
         assert http.get("/").status_code == 401
-        assert http.get("/?token=guessed").status_code == 401
+        guessed = http.get("/?token=guessed")
+        assert guessed.status_code == 401 and "knows nobody with this token" in guessed.text
         answer = http.get(f"/?token={tokens['viewer']}", follow_redirects=False)
         assert (answer.status_code, answer.headers["location"]) == (303, "./")
         cookie = answer.headers["set-cookie"].lower()
         assert all(word in cookie for word in ("httponly", "samesite=strict", "secure"))
-        named = {"Cookie": f"crowdfence_token={tokens['viewer']}"}
+        named = {"Cookie": f"crowdfence_token_80={tokens['viewer']}"}
         assert http.get("/", headers=named).status_code == 200
         assert http.get("/api/v1/me", headers=named).json() == {"user": "my viewer", "role": "viewer"}
+        # With a token that nobody has it is not the page of whoever the browser was before.
+        assert http.get("/?token=guessed", headers=named).status_code == 401
+
+
+def test_a_browser_can_be_signed_in_to_two_services_of_one_machine(guarded, tmp_path: Path) -> None:
+    """Browsers keep cookies by host, whatever the port: they send those of both to both."""
+    service, tokens, _ = guarded
+    other = add_token(tmp_path / "tokens.json", "ana", "operator")
+    with running(tmp_path / "data", access=Access.of(tmp_path / "tokens.json")) as second:
+        jar: dict[str, str] = {}
+        faces = []
+        for port, one, token in ((8080, service, tokens["viewer"]), (8081, second, other)):
+            face = TestClient(make_app(one), base_url=f"http://localhost:{port}")
+            jar.update(face.get(f"/?token={token}", follow_redirects=False).cookies)
+            faces.append(face)
+        sent = {"Cookie": "; ".join(f"{name}={value}" for name, value in jar.items())}
+        users = [
+            TestClient(face.app, base_url=face.base_url).get("/api/v1/me", headers=sent).json()
+            for face in faces
+        ]
+        assert users == [{"user": "my viewer", "role": "viewer"}, {"user": "ana", "role": "operator"}]
 
 
 def test_the_file_of_tokens_holds_no_token(tmp_path: Path) -> None:

@@ -16,10 +16,9 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from crowdfence._core import __version__
-from crowdfence.service.access import COOKIE
 from crowdfence.service.guard import Guard, Rate
 from crowdfence.service.routes import alerts, base_map, drones, health, ingest, operator, scene, zones
-from crowdfence.service.routes.asking import user_or_none
+from crowdfence.service.routes.asking import cookie_of, user_or_none
 from crowdfence.service.service import Service
 
 PAGE = Path(__file__).parent / "page"
@@ -30,6 +29,10 @@ it.</p> <p>The interface is described in <a
 href="/api/v1/openapi.json">/api/v1/openapi.json</a>.</p></body></html>"""
 _NO_TOKEN = """<!doctype html><html lang="en"><meta charset="utf-8"><title>crowdfence</title>
 <body><h1>crowdfence</h1><p>Open this page once as <code>/?token=YOUR-TOKEN</code>.</p></body></html>"""
+_WRONG_TOKEN = """<!doctype html><html lang="en"><meta charset="utf-8"><title>crowdfence</title>
+<body><h1>crowdfence</h1><p>The service knows nobody with this token: it is not whole, or was taken
+back, or is for another service. Tokens made since the service was started count once it is started
+again.</p></body></html>"""
 
 
 def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: bool = False) -> FastAPI:
@@ -75,9 +78,16 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
             # a proxy may have put under a path of its own.
             answer = RedirectResponse("./", status_code=303)
             answer.set_cookie(
-                COOKIE, token, httponly=True, samesite="strict", secure=secure, max_age=30 * 86400
+                cookie_of(request),
+                token,
+                httponly=True,
+                samesite="strict",
+                secure=secure,
+                max_age=30 * 86400,
             )
             return answer
+        if token is not None:  # not as whoever this browser was before: a role of somebody else surprises
+            return HTMLResponse(_WRONG_TOKEN, status_code=401)
         if user_or_none(request) is None:
             return HTMLResponse(_NO_TOKEN, status_code=401)
         index = PAGE / "index.html"

@@ -49,6 +49,11 @@ async function bytes(url: string): Promise<ArrayBuffer> {
 
 export type At = string | null;
 
+/** Whether the service knows who asks. Throws where it does not answer. */
+export async function isKnown(): Promise<boolean> {
+  return (await fetch(address("/me"))).status !== 401;
+}
+
 export const scene = () => get<Scene>(address("/scene"));
 export const terrain = (run: string) => bytes(address("/terrain", { run }));
 export const belief = (at: At) => bytes(address("/belief", { at }));

@@ -113,7 +113,8 @@ let wasConnected = false;
 let again: number | undefined;
 
 function onConnection(connected: boolean): void {
-  store.set({ connected });
+  store.set({ connected, ...(connected && { unknown: false }) });
+  if (!connected) void api.isKnown().then((known) => store.set({ unknown: !known }), () => {});
   // What happened while the line was dead is asked for; the stream brings only what comes next.
   if (connected) void (wasConnected ? refresh() : askAlerts());
   wasConnected ||= connected;

@@ -62,6 +62,8 @@ export interface State {
   scene: Scene | null;
   mode: Mode | null;
   connected: boolean;
+  /** The service answers, and has nobody with the token of this browser: no new attempt helps. */
+  unknown: boolean;
   /** Why the page shows nothing, where it does not. */
   failure: string | null;
   /** Whether the browser draws no map: it has no WebGL, or has lost what it drew with. */
@@ -97,6 +99,7 @@ export const EMPTY_STATE: State = {
   scene: null,
   mode: null,
   connected: false,
+  unknown: false,
   failure: null,
   blank: false,
   heights: null,

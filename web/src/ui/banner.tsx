@@ -11,6 +11,7 @@ import { mayOperate } from "./operator";
 
 export function Banner() {
   useNow();
+  const unknown = useStore((state) => state.unknown);
   const connected = useStore((state) => state.connected);
   const moment = useStore((state) => state.moment);
   const time = useStore((state) => state.time);
@@ -27,7 +28,8 @@ export function Banner() {
         <div class="banner alarm" data-test="offline">
           <Icon name="warning" />
           <span>
-            <b>The connection to the service is lost.</b> The map shows {dayAndTime(moment.stamp_ms, clock, Date.now())}; zones stay closed. Connecting again…
+            <b>{unknown ? "The service no longer knows your token." : "The connection to the service is lost."}</b> The map shows{" "}
+            {dayAndTime(moment.stamp_ms, clock, Date.now())}; zones stay closed. {unknown ? "Open the page once as /?token=… with one that it knows." : "Connecting again…"}
           </span>
         </div>
       )}

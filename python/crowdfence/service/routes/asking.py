@@ -35,10 +35,17 @@ def user_of(connection: HTTPConnection) -> User:
     return user
 
 
+def cookie_of(connection: HTTPConnection) -> str:
+    """The name of the cookie with the token. With the port, because browsers send cookies to all ports of a
+    machine: whoever signed in to a second service there would be nobody to the first."""
+    server = connection.scope.get("server") or ("", None)
+    return COOKIE if server[1] is None else f"{COOKIE}_{server[1]}"
+
+
 def user_or_none(connection: HTTPConnection) -> User | None:
     scheme, _, token = connection.headers.get("authorization", "").partition(" ")
     if scheme.lower() != "bearer":
-        token = connection.cookies.get(COOKIE, "")
+        token = connection.cookies.get(cookie_of(connection), "")
     return service_of(connection).access.user_of(token.strip())
 
 
