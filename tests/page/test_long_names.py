@@ -46,3 +46,13 @@ def test_what_the_drone_showed_is_in_the_card(console: Console) -> None:
     for width in (1280, 1024):
         console.page.set_viewport_size({"width": width, "height": 720})
         assert right(looks) <= right(card) + 1
+
+
+def test_a_reason_without_spaces_stays_in_the_card(console: Console, server: Server) -> None:
+    reason = "https://example.org/" + "w" * 300
+    zone = server.ask("/zones", body={"polygon": [[40, 40], [60, 40], [60, 60]], "reason": reason})["id"]
+    console.page.locator(f'[data-zone="{zone}"]').wait_for()
+    console.choose(zone)
+    why = console.find("why")
+    why.get_by_text("wwww").wait_for()
+    assert why.evaluate("one => one.scrollWidth - one.clientWidth") <= 1
