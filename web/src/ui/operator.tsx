@@ -2,7 +2,7 @@
 
 import { actOnDrone, actOnZone, addZone, type DroneAction, type ZoneAction } from "../api/client";
 import type { Corner, Drone, Scene, Zone } from "../api/contract";
-import { notify, reasonOf, select, zonesChanged } from "../state/session";
+import { goLive, notify, reasonOf, select, zonesChanged } from "../state/session";
 import { store, useStore } from "../state/store";
 import { area } from "../text/units";
 import { ringArea } from "../map/geometry";
@@ -35,6 +35,8 @@ export async function askForZone(corners: Corner[]): Promise<void> {
     restriction: true,
     answer: async (reason, restriction) => {
       const zone = await addZone(corners, reason, restriction);
+      // It is closed now: a page that stays in the past would say that there is no such zone.
+      if (!store.state.time.following) goLive();
       await zonesChanged();
       select({ kind: "zone", id: zone.id });
       notify(`${zone.id} is closed.`);

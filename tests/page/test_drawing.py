@@ -1,0 +1,39 @@
+"""Ground that an operator closes while the page shows the past."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser
+
+from support.live_field import field_console, give_views, live_field
+from support.map_page import Console, Server
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with live_field(tmp_path_factory.mktemp("field")) as server:
+        give_views(server, ["uav1"], count=4, every_s=0.4)
+        yield server
+
+
+@pytest.fixture(scope="module")
+def console(browser: Browser, server: Server) -> Iterator[Console]:
+    with field_console(browser, server) as console:
+        yield console
+
+
+def test_what_was_closed_in_the_past_is_shown_as_closed(console: Console, server: Server) -> None:
+    console.pause()
+    page = console.page
+    page.keyboard.press("d")
+    for k, (x, y) in enumerate([(400, 300), (520, 300), (520, 400), (400, 400)]):
+        page.mouse.click(x, y)
+        console.wait("drawing", lambda drawing, k=k: len(drawing) == k + 1)
+    page.keyboard.press("Enter")
+    page.locator("dialog textarea").fill("a stage is being set up")
+    page.locator("dialog").get_by_role("button", name="Close").click()
+    console.find("why").get_by_text("a stage is being set up").wait_for()
+    assert console.find("mode").inner_text() != "PAUSED" and console.state("time.following")
+    drawn = [zone["id"] for zone in server.ask("/zones")["zones"] if zone["kind"] == "operator"]
+    assert len(drawn) == 1 and console.state("selection") == {"kind": "zone", "id": drawn[0]}
+    console.page.locator(f'[data-zone="{drawn[0]}"]').wait_for()
