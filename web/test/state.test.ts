@@ -4,6 +4,7 @@ import { notify } from "../src/state/session";
 import { EMPTY_STATE, store, Store } from "../src/state/store";
 import type { Alert, AlertLevel } from "../src/api/contract";
 import { byUrgency, isOpen, marks } from "../src/state/alerts";
+import { pauseOf } from "../src/state/pace";
 import { thinned } from "../src/state/thinning";
 import type { Drone } from "../src/api/contract";
 import { agedDrones, behind_s, now_ms, older_s, silence_s } from "../src/state/time";
@@ -26,6 +27,16 @@ describe("links", () => {
     "with nonsense are no links: %s",
     (hash) => expect(parseLink(hash)).toEqual({ t: null, selection: null, view: null }),
   );
+});
+
+describe("cameras", () => {
+  it("leave three pages of one operator room for what is decided, however many drones fly", () => {
+    for (const drones of [1, 5, 12, 24, 48, 200]) {
+      const asked_per_s = (2 * (drones + 1) * 1000) / pauseOf(drones + 1); // and the large one in the card
+      expect(3 * asked_per_s).toBeLessThan(100 - 3 * 5);
+    }
+    expect(pauseOf(3)).toBe(400);
+  });
 });
 
 describe("a long time line", () => {

@@ -5,13 +5,14 @@ import { heatmapAddress, pictureAddress, stampedImage, type At } from "../api/cl
 import type { Drone } from "../api/contract";
 import { css, crowdColour, droneColour, PALETTES } from "../map/colours";
 import { select } from "../state/session";
+import { pauseOf } from "../state/pace";
 import { standingOf } from "../state/standing";
 import { useStore } from "../state/store";
 import { LATE_S } from "../state/time";
 import { ago, compareStamps } from "../text/stamp";
 import { useNow } from "./now";
 
-const EVERY_MS = 400;
+let cameras = 0;
 
 export function CameraStrip() {
   const moment = useStore((state) => state.moment);
@@ -58,6 +59,10 @@ export function CameraPicture({ drone, heat }: { drone: Drone; heat: number }) {
   const wanted = { drone, at, heat, key: `${drone.drone} ${at ?? ""} ${drone.stamp_ns} ${heat}` };
   const state = useRef({ busy: false, wanted, shown: "" });
   useEffect(() => {
+    cameras++;
+    return () => void cameras--;
+  }, []);
+  useEffect(() => {
     const hand = state.current;
     hand.wanted = wanted;
     if (hand.busy) return;
@@ -70,7 +75,7 @@ export function CameraPicture({ drone, heat }: { drone: Drone; heat: number }) {
         if (!canvas.current) return;
         setTaken(seen.stamp_ns === null ? null : Number(BigInt(seen.stamp_ns) / 1_000_000n));
         paint(canvas.current, seen.picture, seen.heatmap, now.heat);
-        await new Promise((resolve) => window.setTimeout(resolve, EVERY_MS));
+        await new Promise((resolve) => window.setTimeout(resolve, pauseOf(cameras)));
       }
     };
     void draw().finally(() => (hand.busy = false));
