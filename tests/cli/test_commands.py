@@ -152,6 +152,26 @@ def test_the_report_tells_the_threshold_that_was_given(airsim: Path, tmp_path: P
     assert re.findall(r"<tr><td>threshold</td><td>([^<]*)</td></tr>", report) == ["0.4"]
 
 
+def test_what_zones_of_others_left_out_is_told_in_the_files_too(tmp_path: Path) -> None:
+    """Who reads the report did not see the terminal: a fence drawn as a line closes nothing."""
+    given = tmp_path / "given.geojson"
+    line = {"type": "LineString", "coordinates": [[8.0, 46.5], [8.001, 46.5]]}
+    given.write_text(json.dumps({"type": "Feature", "id": "wall", "properties": {}, "geometry": line}))
+    recording, dem, out = write_folder(tmp_path / "plain", flight()), tmp_path / "dem.tif", tmp_path / "out"
+    transform = rasterio.transform.from_origin(-600.0, 600.0, 4.0, 4.0)
+    crs = "+proj=aeqd +lat_0=46.5 +lon_0=8 +datum=WGS84"
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": crs, "transform": transform}
+    with rasterio.open(dem, "w", width=300, height=300, **profile) as raster:
+        raster.write(np.full((300, 300), 1175.0, np.float32), 1)
+    words = ("run", recording, "-t", dem, "-o", out, "--prior", 0.2, "--voxel-size-m", 2, *RECORDED)
+    done = crowdfence(*words, "--static-zones", given, "--files", "report.html")
+    assert done.returncode == 0, done.stderr
+    said = "given.geojson: wall: a LineString closes no ground"
+    assert " ".join(done.stderr.split()).count(said) == 1
+    assert said in json.loads((out / "summary.json").read_text())["warnings"]
+    assert said in (out / "report.html").read_text()
+
+
 def test_what_or_calls_crowd_is_not_said_to_be_opened_by_a_look(airsim: Path, tmp_path: Path) -> None:
     """It keeps for good what was called crowd once: nobody needs to fly there again."""
     out = tmp_path / "out"

@@ -38,9 +38,15 @@ def report_layer(summary: dict[str, Any], run: Run, seconds: float, output: Path
     )
     if "sites.geojson" in written:
         out.print(_site_table(summary))
-    for reason in [*summary["warnings"], *refusal_lines(run.refused)]:
+    for reason in [*untold_warnings(run), *refusal_lines(run.refused)]:
         console.warn(reason)
     out.print(f"\nresults in [bold]{console.escaped(output)}[/]: {', '.join(written)}", soft_wrap=True)
+
+
+def untold_warnings(run: Run) -> list[str]:
+    """Those of a run but what zones of others hold besides, which is told before the first frame."""
+    told = set(run.static_left_out)
+    return [reason for reason in run.warnings if reason not in told]
 
 
 def _closed(summary: dict[str, Any]) -> dict[str, str]:

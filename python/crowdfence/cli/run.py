@@ -13,7 +13,7 @@ import typer
 from crowdfence.atomic_folder import replaceable_folder
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.detector_choice import chosen_detector
-from crowdfence.cli.layer_report import report_layer
+from crowdfence.cli.layer_report import report_layer, untold_warnings
 from crowdfence.cli.made_by import heatmaps_line, method_line
 from crowdfence.cli.option_sets import FUSION, LayerOptions, MapOptions, map_options, takes
 from crowdfence.cli.refusals import refusal_lines
@@ -132,6 +132,7 @@ def fuse_and_report(
             voxel_size_why=ground.voxel_size_why,
             map_doubts=ground.doubts,
             static_zones=others,
+            static_left_out=left_out,
             on_step=lambda instant, _: advance(len(instant.frames)),
         )
     seconds = time.perf_counter() - started
@@ -185,7 +186,7 @@ def _report(summary: dict[str, Any], run: Run, seconds: float, output: Path, wri
         )
     )
     out.print(_zone_table(summary))
-    for reason in [*map(in_options, summary["warnings"]), *refusal_lines(run.refused)]:
+    for reason in [*map(in_options, untold_warnings(run)), *refusal_lines(run.refused)]:
         console.warn(reason)
     out.print(f"\nresults in [bold]{console.escaped(output)}[/]: {', '.join(written)}", soft_wrap=True)
 

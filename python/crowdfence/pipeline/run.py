@@ -74,6 +74,8 @@ class Run:
     each."""
     unheeded: tuple[str, ...] = ()
     """Crowd that was shown and that nothing was closed for, in one sentence at most."""
+    static_left_out: tuple[str, ...] = ()
+    """What files of zones of others hold and closes nothing, one sentence each."""
 
     def __repr__(self) -> str:
         closed = f"{len(self.zones)} zones from {self.threshold:.3g} on"
@@ -88,11 +90,12 @@ class Run:
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful about the recording, the detector on this flight, and the map under it."""
+        """What is doubtful about the recording, the detector on this flight, the map under it, and the zones
+        of others."""
         of_detector = [] if self.review is None else self.review.warnings
         lost = lost_crowd_warnings(self.crowd_mass) if self.recording.layer == CROWD else []
         of_pictures = [*of_detector, *self.heatmaps.warnings, *lost, *self.unheeded]
-        return [*self.recording.warnings, *self.doubts, *of_pictures]
+        return [*self.recording.warnings, *self.doubts, *of_pictures, *self.static_left_out]
 
     @property
     def georeference(self) -> Georeference | None:
@@ -124,6 +127,7 @@ def run(
     voxel_size_why: str = "",
     map_doubts: Sequence[str] = (),
     static_zones: Sequence[Zone] = (),
+    static_left_out: Sequence[str] = (),
     on_step: OnStep | None = None,
 ) -> Run:
     """Fuse a whole recording (`open_recording`) onto a terrain (`Terrain.open`). `on_step` is called after
@@ -132,7 +136,8 @@ def run(
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
     None takes the recorded ones. What `config` leaves open is filled in from a model's contract. `holes` are
     those of the map (`read_map`), for the summary, and so are `voxel_size_why` and `map_doubts`.
-    `static_zones` are zones that somebody else drew. A recording of another layer than crowds
+    `static_zones` are zones that somebody else drew, `static_left_out` what their files hold besides
+    (`read_static_zones`), for the summary. A recording of another layer than crowds
     (`Recording.of_layer`) closes nothing else.
 
     ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, no frame can
@@ -215,6 +220,7 @@ def run(
         ),
         unheeded=unheeded.warnings(loop.crowd_mass) if recording.layer == CROWD else (),
         voxel_size_why=voxel_size_why,
+        static_left_out=tuple(static_left_out),
     )
 
 
