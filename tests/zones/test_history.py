@@ -11,6 +11,7 @@ import shapely
 from scipy import ndimage
 
 from crowdfence import Georeference, StampError
+from crowdfence.zones import Zone
 from crowdfence.zones.history import ZoneHistory, ZoneHistoryError
 from support.small_zones import SECOND_NS, DrawnZones
 
@@ -67,6 +68,39 @@ def test_an_outline_that_did_not_change_is_written_once(tmp_path: Path) -> None:
     *_, changed, same = lines
     assert all("polygon" in zone for zone in changed["zones"]) and same["zones"]
     assert not any("polygon" in zone for zone in same["zones"])
+
+
+def test_zones_of_others_are_written_when_they_changed(tmp_path: Path) -> None:
+    """A national file is thousands of zones: named at every instant they were a megabyte each time."""
+    one, two = (Zone.of_no_look(id, shapely.box(0, 0, 9, 9), "static", "given") for id in ("A", "B"))
+    given = [(one,), (one,), (one, two), (one, two), (), ()]
+    history = flown()
+    sets = [dataclasses.replace(zones, static=own) for zones, own in zip(history.sets, given, strict=True)]
+    path = tmp_path / "history.jsonl"
+    dataclasses.replace(history, sets=sets).write(path)
+    lines = [json.loads(line) for line in path.read_text().splitlines()[1:]]
+    named = [[zone["id"] for zone in line["static"]] if "static" in line else None for line in lines]
+    assert named == [["A"], None, ["A", "B"], None, [], None]
+    again = ZoneHistory.read(path)
+    assert [[zone.id for zone in zones.static] for zones in again.sets] == [
+        [zone.id for zone in zones] for zones in given
+    ]
+    assert again.sets[3].static[1].polygon.equals(two.polygon)
+    again.write(tmp_path / "again.jsonl")
+    assert (tmp_path / "again.jsonl").read_bytes() == path.read_bytes()
+
+
+def test_a_file_that_names_zones_of_others_at_every_instant_is_read(tmp_path: Path) -> None:
+    """As builds of before wrote it."""
+    path = tmp_path / "history.jsonl"
+    flown().write(path)
+    header, *lines = path.read_text().splitlines()
+    named = [json.dumps({"static": [], **json.loads(line)}) for line in lines]
+    path.write_text("\n".join([header.replace('"version": 2', '"version": 1'), *named, ""]))
+    assert len(ZoneHistory.read(path)) == 6
+    path.write_text("\n".join([header.replace('"version": 2', '"version": 1'), *lines, ""]))
+    with pytest.raises(ZoneHistoryError, match="is damaged in line 3: it lacks 'static'"):
+        ZoneHistory.read(path)
 
 
 def test_writing_takes_the_memory_of_an_instant_not_of_a_mission(tmp_path: Path) -> None:
@@ -134,7 +168,7 @@ def test_a_file_that_does_not_say_how_many_instants_it_has_is_read(tmp_path: Pat
         ("empty", "is no zone history: it is cut off, or no JSON; give the folder that a run wrote"),
         ("other", "is no zone history: it does not begin with the header of a crowdfence zone history"),
         ("list", r"is no zone history: it .*; give the folder that a run wrote, or its zone_history\.jsonl"),
-        ("version", "is a zone history of version 9; 1 is read here"),
+        ("version", "is a zone history of version 9; up to 2 is read here"),
         ("bytes", "is no zone history: it is no text in UTF-8; give the folder that a run wrote"),
         ("header alone", "is no zone history: it holds no instant"),
         ("no zones", "is damaged in line 3: it lacks 'zones'"),
@@ -155,7 +189,7 @@ def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str, messa
             "empty": "",
             "other": '{"type": "FeatureCollection"}',
             "list": "[]",
-            "version": text.replace('"version": 1', '"version": 9', 1),
+            "version": text.replace('"version": 2', '"version": 9', 1),
             "bytes": "",
             "header alone": header.replace(', "instants": 6}', "}"),
             "no zones": header + first + '{"stamp_ns": 10000000000}\n',

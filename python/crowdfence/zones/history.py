@@ -1,8 +1,8 @@
 """The zones of a whole mission: what was closed at every instant, and what became of every zone.
 
 In a file, one JSON value a line: a header, which says how many instants there are, then one line per instant.
-An outline is written when it changed. A file of fewer instants was cut, and is refused: what it ends with is
-not what is closed last.
+An outline is written when it changed, and so are zones of others, which may be thousands. A file of fewer
+instants was cut, and is refused: what it ends with is not what is closed last.
 Coordinates are local metres, every digit kept.
 """
 
@@ -27,7 +27,9 @@ from crowdfence.zones.zone import Zone, ZoneSet
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
-VERSION = 1
+VERSION = 2
+"""Since 2 an instant whose zones of others are those of the instant before does not name them."""
+_READ = (1, 2)
 _FORMAT = "crowdfence zone history"
 _OUTLINES = ("polygon", "crowd_outline")
 _GROUPS = ("zones", "unseen", "static")
@@ -92,12 +94,17 @@ class ZoneHistory:
             "instants": len(self),
         }
         before: dict[str, Zone] = {}
+        last: ZoneSet | None = None
         # Line by line: all of them at once take gigabytes after an hour over hundreds of zones.
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
             file.write(_json_line(header))
             for stamp_ns, zones in zip(self.stamps_ns, self.sets, strict=True):
-                file.write(_json_line(history_line(stamp_ns, zones, before)))
-                before = {zone.id: zone for zone in zones.closed}
+                same = last is not None and _are_same(zones.static, last.static)
+                line = history_line(stamp_ns, replace(zones, static=()) if same else zones, before)
+                if same:
+                    del line["static"]
+                file.write(_json_line(line))
+                before, last = {zone.id: zone for zone in zones.closed}, zones
 
     @staticmethod
     def read(path: str | PathLike[str]) -> ZoneHistory:
@@ -108,9 +115,10 @@ class ZoneHistory:
                 header = json.loads(file.readline())
                 if not isinstance(header, dict) or header.get("format") != _FORMAT:
                     raise ValueError(f"it does not begin with the header of a {_FORMAT}")
-                if header["version"] != VERSION:
+                if header["version"] not in _READ:
                     raise ZoneHistoryError(
-                        f"{path} is a zone history of version {header['version']}; {VERSION} is read here"
+                        f"{path} is a zone history of version {header['version']}; up to {VERSION} is read "
+                        "here"
                     )
                 anchor = header["anchor_wgs84"]
                 stamps_ns: list[int] = []
@@ -120,7 +128,10 @@ class ZoneHistory:
                     if not text.endswith("\n"):
                         raise _cut(path, stamps_ns, header.get("instants"))
                     line = json.loads(text)
-                    zones = zone_set_of_line(line, before)
+                    as_before = header["version"] > 1 and sets and "static" not in line
+                    zones = zone_set_of_line({**line, "static": []} if as_before else line, before)
+                    if as_before:
+                        zones = replace(zones, static=sets[-1].static)
                     before = {zone.id: zone for zone in zones.closed}
                     stamps_ns.append(int(line["stamp_ns"]))
                     if stamps_ns[-2:] != sorted(set(stamps_ns[-2:])):
@@ -153,6 +164,11 @@ class ZoneHistory:
                     f"{path} is no zone history: {said}; give the folder that a run wrote, or its "
                     "zone_history.jsonl"
                 ) from error
+
+
+def _are_same(zones: Sequence[Zone], others: Sequence[Zone]) -> bool:
+    """Nobody changes zones: what stayed as it was is the same object."""
+    return len(zones) == len(others) and all(one is other for one, other in zip(zones, others, strict=True))
 
 
 def _json_line(value: Mapping[str, Any]) -> bytes:
