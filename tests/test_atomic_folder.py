@@ -66,6 +66,22 @@ def test_a_folder_of_other_things_is_never_replaced(tmp_path: Path) -> None:
     assert (folder / "thesis.tex").read_text() == "years of work"
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_the_folder_that_one_is_in_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: bool
+) -> None:
+    """A shell would stand in a folder that is gone, and `ls` show nothing."""
+    folder = old_result(tmp_path)
+    if not held:
+        for name in CONTENTS:
+            (folder / name).unlink()
+    monkeypatch.chdir(folder)
+    for place in (replaceable_folder, whole_folder):
+        with pytest.raises(OSError, match=r"cannot replace .*out: you are in it"):
+            place(Path("."), contents=CONTENTS, force=True).__enter__()
+    assert Path.cwd() == folder and len(held_by(folder)) == (2 if held else 0)
+
+
 def test_a_link_to_a_folder_stays_a_link(tmp_path: Path) -> None:
     folder = old_result(tmp_path)
     link = tmp_path / "latest"

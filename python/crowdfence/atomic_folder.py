@@ -91,6 +91,11 @@ def _require_replaceable(target: Path, contents: Collection[str], force: bool) -
         return
     if not target.is_dir():
         raise NotADirectoryError(f"cannot write into {target}: it is a file, not a folder")
+    if _is_where_we_are(target):
+        raise OSError(
+            f"cannot replace {target}: you are in it, and would be left in a folder that is gone; name a "
+            "folder inside it, or go elsewhere first"
+        )
     if os.path.ismount(target):
         raise OSError(f"cannot replace {target}: a disk is mounted there; name a folder inside it")
     found = sorted(os.listdir(target))
@@ -101,6 +106,14 @@ def _require_replaceable(target: Path, contents: Collection[str], force: bool) -
         )
     if found:
         require_replaceable(target, force=force)
+
+
+def _is_where_we_are(target: Path) -> bool:
+    """Another folder takes the place of the target: a shell that stands in it would show an empty one."""
+    try:
+        return target.samefile(os.curdir)
+    except OSError:  # what we are in is gone already
+        return False
 
 
 def _prefix(target: Path) -> str:
