@@ -1,6 +1,7 @@
 """What a run found as ROS 2 messages, read back by two readers that are not ours."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -219,6 +220,32 @@ def test_zones_of_others_have_no_band_and_unseen_ground_no_probability() -> None
     assert "crowd band" not in [marker["ns"] for marker in zone_markers(beyond, 0, None)["markers"][1:]]
 
 
+def test_zones_of_others_are_written_once_and_closed_at_every_instant(tmp_path: Path) -> None:
+    """At every instant, those of a national file took ten minutes and a gigabyte for a flight of seconds."""
+    history, grid = small_run()
+    others = drawn_zone(shapely.box(5, 3, 7, 5), id="S1", kind="static", probability_max=float("nan"))
+    sets = [replace(zones, static=(others,)) for zones in history.sets]
+    counts = write_results_mcap(tmp_path / "results.mcap", replace(history, sets=sets), grid)
+    assert (counts[topics.ZONES], counts[topics.OTHERS]) == (3, 1)
+    messages = by_rosbags(tmp_path / "results.mcap")
+    drawn = {
+        topic: [
+            sorted({marker.ns.split()[0] for marker in array.markers[1:]})
+            for name, _, array in messages
+            if name == topic
+        ]
+        for topic in (topics.ZONES, topics.OTHERS)
+    }
+    assert drawn == {topics.ZONES: [["crowd"]] * 3, topics.OTHERS: [["static"]]}
+    with AnyReader([tmp_path / "results.mcap"]) as reader:
+        (profile,) = (
+            one.ext.offered_qos_profiles for one in reader.connections if one.topic == topics.OTHERS
+        )
+    assert profile[0].durability == QosDurability.TRANSIENT_LOCAL
+    grids = [np.array(one.data).reshape(5, 7) for topic, _, one in messages if topic == topics.CLOSED]
+    assert all((cells[3:, 5:] == OCCUPIED).all() for cells in grids)
+
+
 def test_the_local_frame_lies_where_its_anchor_is() -> None:
     message = earth_from_map(ANCHOR, 7)
     assert (message["header"]["frame_id"], message["child_frame_id"]) == ("earth", "map")
@@ -271,9 +298,9 @@ def test_the_layout_names_topics_that_exist() -> None:
     layout = json.loads(text)
     assert set(layout) >= {"configById", "layout", "globalVariables"}
     parts = {"camera/image/compressed", "camera/camera_info", "heatmap", "heatmap/camera_info", "truth/depth"}
-    ours = {getattr(topics, name) for name in ("ZONES", "CLOSED", "BELIEF", "GROUND", "TERRAIN")}
+    ours = {getattr(topics, name) for name in ("ZONES", "OTHERS", "CLOSED", "BELIEF", "GROUND", "TERRAIN")}
     ours |= {f"/uav{number}/{part}" for number in (1, 2, 3) for part in parts}
     named = {word for word in text.split('"') if word.startswith("/")}
-    assert named and named <= ours and topics.ZONES in named
+    assert named and named <= ours and {topics.ZONES, topics.OTHERS} <= named
     # The grids have the colours of our other pictures.
     assert "#{:02x}{:02x}{:02x}".format(*STATE_COLOURS[VoxelState.CROWD]) in text

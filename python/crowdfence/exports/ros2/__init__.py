@@ -1,7 +1,8 @@
 """What a run found as ROS 2 messages, to be looked at beside its cameras (Foxglove, RViz) or planned with.
 
-    /crowdfence/zones       visualization_msgs/MarkerArray  what is closed, at every instant
-    /crowdfence/closed      nav_msgs/OccupancyGrid          the same as cells, whenever it changed
+    /crowdfence/zones       visualization_msgs/MarkerArray  closed crowd and unseen ground, at every instant
+    /crowdfence/zones_of_others  visualization_msgs/MarkerArray  what others closed, once
+    /crowdfence/closed      nav_msgs/OccupancyGrid          both as cells, whenever it changed
     /crowdfence/belief      nav_msgs/OccupancyGrid          probability of crowd at the last instant
     /crowdfence/ground      sensor_msgs/PointCloud2         state and probability per ground cell, likewise
     /crowdfence/terrain     visualization_msgs/MarkerArray  the terrain as a mesh, once

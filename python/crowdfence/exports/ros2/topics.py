@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -13,10 +14,12 @@ from crowdfence.exports.ros2.zone_markers import zone_markers
 from crowdfence.sources.mission import ros2_messages
 from crowdfence.sources.mission.topic_writer import TopicMessage, TopicWriter
 from crowdfence.surface_grid import SurfaceGrid
-from crowdfence.zones import ZoneSet
+from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
 
 ZONES, CLOSED = "/crowdfence/zones", "/crowdfence/closed"
+OTHERS = "/crowdfence/zones_of_others"
+"""Apart from the zones of every instant: those of a national file are thousands, and stay as they are."""
 BELIEF, GROUND, TERRAIN = "/crowdfence/belief", "/crowdfence/ground", "/crowdfence/terrain"
 TF_STATIC = "/tf_static"
 
@@ -32,8 +35,11 @@ def result_messages(history: ZoneHistory, grid: SurfaceGrid | None) -> Iterator[
     ground = None if grid is None else height_at(grid)
     before: ZoneSet | None = None
     for stamp_ns, zones in zip(history.stamps_ns, history.sets, strict=True):
-        markers = zone_markers(zones, stamp_ns, ground)
+        markers = zone_markers(replace(zones, static=()), stamp_ns, ground)
         yield _message(stamp_ns, ZONES, ros2_messages.MARKER_ARRAY, markers)
+        if not _are_same(zones.static, () if before is None else before.static):
+            markers = zone_markers(replace(zones, zones=(), unseen=()), stamp_ns, ground)
+            yield _message(stamp_ns, OTHERS, ros2_messages.MARKER_ARRAY, markers, True)
         if grid is not None and (stamp_ns == last_ns or not _closes_the_same(zones, before)):
             cells = closed_cells(zones.closed, grid, with_state=stamp_ns == last_ns)
             message = occupancy_grid(cells, grid, stamp_ns)
@@ -60,10 +66,14 @@ def write_results_mcap(
 
 
 def _closes_the_same(zones: ZoneSet, before: ZoneSet | None) -> bool:
+    return before is not None and _are_same(zones.closed, before.closed)
+
+
+def _are_same(zones: Sequence[Zone], others: Sequence[Zone]) -> bool:
     """Outlines that did not change are the same object from instant to instant."""
-    if before is None or len(zones.closed) != len(before.closed):
+    if len(zones) != len(others):
         return False
-    return all(one.polygon is other.polygon for one, other in zip(zones.closed, before.closed, strict=True))
+    return all(one.polygon is other.polygon for one, other in zip(zones, others, strict=True))
 
 
 def _message(
