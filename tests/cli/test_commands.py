@@ -155,8 +155,13 @@ def test_the_report_tells_the_threshold_that_was_given(airsim: Path, tmp_path: P
 def test_what_zones_of_others_left_out_is_told_in_the_files_too(tmp_path: Path) -> None:
     """Who reads the report did not see the terminal: a fence drawn as a line closes nothing."""
     given = tmp_path / "given.geojson"
-    line = {"type": "LineString", "coordinates": [[8.0, 46.5], [8.001, 46.5]]}
-    given.write_text(json.dumps({"type": "Feature", "id": "wall", "properties": {}, "geometry": line}))
+    ring = [[8.0, 46.5], [8.001, 46.5], [8.001, 46.501], [8.0, 46.5]]
+    shapes = ("LineString", ring[:2]), ("Polygon", [ring])
+    features = [
+        {"type": "Feature", "id": id, "properties": {}, "geometry": {"type": kind, "coordinates": places}}
+        for id, (kind, places) in zip(("wall", "Stadium <i>of the town"), shapes, strict=True)
+    ]
+    given.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     recording, dem, out = write_folder(tmp_path / "plain", flight()), tmp_path / "dem.tif", tmp_path / "out"
     transform = rasterio.transform.from_origin(-600.0, 600.0, 4.0, 4.0)
     crs = "+proj=aeqd +lat_0=46.5 +lon_0=8 +datum=WGS84"
@@ -169,7 +174,10 @@ def test_what_zones_of_others_left_out_is_told_in_the_files_too(tmp_path: Path) 
     said = "given.geojson: wall: a LineString closes no ground"
     assert " ".join(done.stderr.split()).count(said) == 1
     assert said in json.loads((out / "summary.json").read_text())["warnings"]
-    assert said in (out / "report.html").read_text()
+    report = (out / "report.html").read_text()
+    assert said in report and "<b>S1</b><br>Stadium &lt;i&gt;of the town<" in report
+    done = crowdfence("explain", out, "--zone", "S1")
+    assert "called      Stadium <i>of the town" in done.stdout, done.stdout + done.stderr
 
 
 def test_what_or_calls_crowd_is_not_said_to_be_opened_by_a_look(airsim: Path, tmp_path: Path) -> None:

@@ -162,3 +162,12 @@ def test_what_the_messages_leave_out_is_told(run: Path, tmp_path: Path) -> None:
     told = " ".join(done.stderr.split())
     assert done.exit_code == 0 and "not all of S1 lies within it" in told
     assert "others.geojson: feature 1: a Point closes no ground" in told
+    features = [
+        {"type": "Feature", "id": f"A{n}", "properties": {}, "geometry": shapes[1]} for n in range(14)
+    ]
+    others.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    done = CliRunner().invoke(app, [*words, "--force"])
+    assert "not all of A0, A1, A2" in done.stderr
+    assert "A11 and 2 more lies within it" in " ".join(done.stderr.split())
+    done = CliRunner().invoke(app, [*words, "--force", "--json"])
+    assert len(json.loads(done.stdout)["beyond_raster"]) == 14

@@ -82,6 +82,7 @@ def _absent(zone: str, stamp_ns: int, zones: ZoneSet, history: ZoneHistory) -> s
 def _facts(zone: Zone, zones: ZoneSet, stamp_ns: int, method: str | None) -> dict[str, str]:
     band = zone.band
     facts = {
+        **({} if zone.name is None else {"called": zone.name}),
         "why closed": REASONS.get(zone.reason or "", "not known"),
         "what": f"{zone.kind}, {zone.restriction.replace('_', ' ')}",
         "closed": f"{square_metres(zone.polygon.area)}, {band.lower_m:g} to {band.upper_m:g} m {band.datum}",
@@ -150,6 +151,7 @@ def _json(zone: Zone, stamp_ns: int, events: list[ZoneEvent]) -> dict[str, Any]:
     is_crowd = zone.kind == "crowd"
     return {
         "zone": zone.id,
+        "name": zone.name,
         "kind": zone.kind,
         "restriction": zone.restriction,
         "stamp_ns": stamp_ns,

@@ -45,6 +45,8 @@ _RASTERS = (ExportFormat.state, ExportFormat.costmap)
 
 _TOLD_M2 = 0.5
 """Less is rounding."""
+_MOST_NAMED = 12
+"""A national file has thousands; all of them are in --json."""
 
 
 class DatumName(str, Enum):
@@ -263,6 +265,11 @@ def _read_plan(path: Path) -> dict[str, Any]:
     return plan
 
 
+def _first_of(names: list[str]) -> str:
+    more = len(names) - _MOST_NAMED
+    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
 def _report(report: dict[str, Any], as_json: bool) -> None:
     from crowdfence.iso_time import iso_utc
 
@@ -295,7 +302,7 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         dropped = square_metres(report["dropped_area_m2"])
         console.warn(f"{dropped} of crowd are in no zone: below min_area_m2 of the run")
     if report.get("beyond_raster"):
-        names = ", ".join(report["beyond_raster"])
+        names = _first_of(report["beyond_raster"])
         console.warn(f"the raster ends near what was seen; not all of {names} lies within it")
     for reason in report["left_out"]:
         console.warn(reason)

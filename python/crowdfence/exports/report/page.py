@@ -97,8 +97,9 @@ def _zone(zone: Zone, stamp_ns: int, method: str) -> str:
     if method == FOR_GOOD:
         ends = "never"
     why = REASONS.get(zone.reason or "", zone.kind)
+    called = "" if zone.name is None else f"<br>{escape(zone.name)}"
     cells = (
-        (f"<b>{escape(zone.id)}</b>", ""),
+        (f"<b>{escape(zone.id)}</b>{called}", ""),
         (escape(why), ""),
         (f"{zone.area_m2:,.0f} m²" if crowd else "-", "number"),
         (f"{zone.polygon.area:,.0f} m²", "number"),
