@@ -162,6 +162,20 @@ def test_crowd_that_is_too_small_for_a_zone_is_told_beside_the_picture_also_wher
         assert ("none; that does not mean free" in texts) == told
 
 
+def test_ground_that_is_closed_because_nobody_cleared_it_is_told_beside_the_picture() -> None:
+    """It has no outline there: who saw four zones alone took the rest for open."""
+    unseen = Zone.of_no_look("UNSEEN", shapely.box(0, 0, 50, 30), "unseen", "never_cleared")
+    for min_area_m2, dropped in ((50.0, []), (500.0, ["none of crowd", "with 1 below 500 m², 100 m²"])):
+        zones = find_zones(flat_crowd_map(seen_square()), 0, threshold=0.5, min_area_m2=min_area_m2)
+        axes = Figure(figsize=(4, 12), dpi=100).add_axes((0, 0, 1, 1))
+        closed = replace(zones, unseen=(unseen,))
+        draw_legend(axes, crowd_grid(seen_square()), closed, DESCRIPTION, [], None)
+        texts = [text.get_text() for text in axes.texts]
+        assert texts[texts.index("closed: not known empty") + 1] == "1 500 m²"
+        assert [text for text in texts if text in dropped] == dropped
+        assert not any("not drawn" in text for text in texts)
+
+
 def test_the_crop_keeps_every_crowd_cell_and_track() -> None:
     probability = np.full((400, 400), np.nan)
     probability[100:200, 100:200] = 0.0

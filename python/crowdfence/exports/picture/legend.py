@@ -173,11 +173,11 @@ def _path_length_m(track: DroneTrack) -> float:
 def _zones(column: _Column, zones: ZoneSet, description: MapDescription) -> None:
     column.heading(f"Zones ({len(zones)})")
     if len(zones) == 0:
-        column.row("none; that does not mean free", color=_FAINT)
+        column.row("none of crowd" if zones.unseen else "none; that does not mean free", color=_FAINT)
         _not_drawn(column, zones)
         return
-    shown = zones[: max(1, min(MOST_LABELS, column.rows_left - 5))]
-    _zone_row(column, ("", "area", "max. P", "last seen"), color=_FAINT, fontsize=9.5)
+    shown = zones[: max(1, min(MOST_LABELS, column.rows_left - (6 if zones.unseen else 5)))]
+    _zone_row(column, ("", "crowd", "max. P", "last seen"), color=_FAINT, fontsize=9.5)
     for zone in shown:
         age = _age(description.stamp_ns - zone.last_seen_ns)
         _zone_row(column, (zone.id, _area(zone.area_m2), f"{zone.probability_max:.2f}", age), color=INK)
@@ -188,9 +188,13 @@ def _zones(column: _Column, zones: ZoneSet, description: MapDescription) -> None
 
 
 def _not_drawn(column: _Column, zones: ZoneSet) -> None:
+    """Ground that is closed because nobody cleared it has no outline in the picture: it would hide the rest.
+    Crowd that is too small for a zone is closed with it."""
+    if zones.unseen:
+        column.row("closed: not known empty", _area(sum(zone.polygon.area for zone in zones.unseen)))
     if zones.dropped_count:
         dropped = f"{zones.dropped_count} below {_area(zones.min_area_m2)}, {_area(zones.dropped_area_m2)}"
-        column.row(f"not drawn: {dropped}", color=_FAINT)
+        column.row(f"{'with' if zones.unseen else 'not drawn:'} {dropped}", color=_FAINT)
 
 
 def _zone_row(column: _Column, cells: tuple[str, str, str, str], **style: Any) -> None:
