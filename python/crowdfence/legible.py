@@ -12,7 +12,8 @@ _KINDS = ("Cc", "Cf", "Cs", "Zl", "Zp")
 """Unicode categories: control, format (zero width, directions), lone surrogates, separators of lines."""
 _FILLERS = "\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0"
 """Letters and marks that are drawn as nothing."""
-_FORMULA = ("=", "+", "-", "@")
+_FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+"""The last four are the same, as wide as a Chinese character: some programs take them for these."""
 
 
 def unreadable(name: str) -> str | None:

@@ -106,5 +106,5 @@ def test_what_is_read_and_what_is_not() -> None:
         assert unreadable(f"a{character}") == f"U+{ord(character):04X}"
     assert shown("a\u200bb\nc") == "a<U+200B>b\nc"
     assert legible(" a\t b\u2028\u200bc\n") == "a b c"
-    cells = ["=1", "+1", "-1", "@a", "a=1", ""]
-    assert [table_cell(text) for text in cells] == ["'=1", "'+1", "'-1", "'@a", "a=1", ""]
+    cells = ["=1", "+1", "-1", "@a", "\uff1d1", "a=1", ""]
+    assert [table_cell(text) for text in cells] == ["'=1", "'+1", "'-1", "'@a", "'\uff1d1", "a=1", ""]
