@@ -185,6 +185,31 @@ def test_zones_that_keep_nobody_out_are_told(tmp_path: Path) -> None:
     assert len(read_static_zones([path], ANCHOR)[0]) == 1  # nobody has checked the condition
 
 
+def test_what_is_left_out_of_a_national_file_is_told_in_a_sentence_for_each_reason(tmp_path: Path) -> None:
+    far = {"type": "Polygon", "coordinates": [[[x, y - 30.0] for x, y in SQUARE]]}
+    here = {"type": "Polygon", "coordinates": [SQUARE]}
+    features = [
+        *(ed318(far, identifier=f"F{n}")["features"][0] for n in range(900)),
+        *(ed318(here, identifier=f"N{n}", type="NO_RESTRICTION")["features"][0] for n in range(5)),
+    ]
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    assert len(open_static_zones(path, ANCHOR).left_out) == 905
+    zones, left_out = read_static_zones([path], ANCHOR)
+    assert zones == () and left_out == [
+        *(f"zones.json: N{n}: NO_RESTRICTION keeps nobody out" for n in range(5)),
+        "zones.json: F0, F1, F2, F3, F4 and 895 more: lies more than 20 degrees away",
+    ]
+
+
+def test_a_ring_that_is_not_closed_is_closed_as_any_polygon_is(tmp_path: Path) -> None:
+    for corners in (3, 4):
+        open_ring = SQUARE[:corners]
+        (zone,) = opened(tmp_path, ed318({"type": "Polygon", "coordinates": [open_ring]}))
+        (closed,) = opened(tmp_path, ed318({"type": "Polygon", "coordinates": [[*open_ring, open_ring[0]]]}))
+        assert zone.polygon.equals(closed.polygon) and zone.polygon.area > 4000.0
+
+
 def test_names_become_ids_that_are_short_and_used_once(tmp_path: Path) -> None:
     features = [
         {

@@ -21,6 +21,8 @@ from crowdfence.zones import Zone
 __all__ = ["StaticZoneError", "StaticZones", "open_static_zones", "read_static_zones"]
 
 _ZIP = b"PK\x03\x04"
+MOST_NAMED = 5
+"""Of zones that are left out for one reason."""
 
 
 class StaticZoneError(ValueError):
@@ -78,13 +80,27 @@ def _reader(document: Any) -> Callable[[Any, list[str]], Iterator[GivenZone]]:
 def read_static_zones(
     paths: list[Path], georeference: Georeference | None, taken: Iterable[str] = ()
 ) -> tuple[tuple[Zone, ...], list[str]]:
-    """The zones of several files, and a sentence for everything that is left out. No zone gets an id that is
-    `taken`, nor one of another."""
+    """The zones of several files, and a sentence for everything that is left out, or for all that is left out
+    for one reason. No zone gets an id that is `taken`, nor one of another."""
     taken = set(taken)
     zones: list[Zone] = []
     left_out = []
     for path in paths:
         read = open_static_zones(path, georeference, taken)
         zones += read.zones
-        left_out += [legible(f"{path.name}: {reason}") for reason in read.left_out]
+        left_out += [legible(f"{path.name}: {sentence}") for sentence in _together(read.left_out)]
     return tuple(zones), left_out
+
+
+def _together(sentences: Iterable[str]) -> Iterator[str]:
+    """Those of a few zones as they are; a national file has thousands that are left out for one reason."""
+    named: dict[str, list[str]] = {}
+    for sentence in sentences:
+        name, _, reason = sentence.rpartition(": ")
+        named.setdefault(reason, []).append(name)
+    for reason, names in named.items():
+        if len(names) <= MOST_NAMED:
+            yield from (f"{name}: {reason}" if name else reason for name in names)
+        else:
+            first = ", ".join(names[:MOST_NAMED])
+            yield f"{first} and {len(names) - MOST_NAMED} more: {reason}"

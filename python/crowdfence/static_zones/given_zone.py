@@ -137,14 +137,20 @@ def ring_of(corners: Sequence[Sequence[float | str]]) -> NDArray[np.float64]:
     return ring.reshape(-1, 2)
 
 
+def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """With its first corner at the end too, which some programs leave out."""
+    return ring if len(ring) == 0 or (ring[0] == ring[-1]).all() else np.vstack([ring, ring[:1]])
+
+
 def _polygon(given: GivenZone, georeference: Georeference) -> Polygon | None:
     """None where it is far away."""
     import shapely
 
-    if not given.rings or any(len(ring) < 4 or not np.isfinite(ring).all() for ring in given.rings):
+    rings = [_closed(ring) for ring in given.rings]
+    if not rings or any(len(ring) < 4 or not np.isfinite(ring).all() for ring in rings):
         raise ValueError(f"zone {given.name!r} has no outline of at least three corners")
-    _check_places(given.name, given.rings[0])
-    unwrapped = [_beside(ring, georeference) for ring in given.rings]
+    _check_places(given.name, rings[0])
+    unwrapped = [_beside(ring, georeference) for ring in rings]
     shape = shapely.Polygon(unwrapped[0], unwrapped[1:])
     if not shape.is_valid or shape.is_empty:
         raise ValueError(f"zone {given.name!r}: {shapely.is_valid_reason(shape)}")
