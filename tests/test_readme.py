@@ -77,9 +77,9 @@ def test_the_status_table_names_what_there_is_and_nothing_that_is_still_to_come(
 
 def shown_commands(page: Path) -> Iterator[str]:
     """What follows "crowdfence" in fenced code, indented code and code between backticks."""
-    fence = re.compile(r"^```\w*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+    fence = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
     text = page.read_text()
-    code = [line for block in fence.findall(text) for line in block.splitlines()]
+    code = [line for kind, block in fence.findall(text) if kind != "toml" for line in block.splitlines()]
     code += re.findall(r"^    (\S.*)$", text, re.MULTILINE)
     code += re.findall(r"`([^`\n]+)`", fence.sub("", text))
     return (line.removeprefix("crowdfence ") for line in code if line.startswith("crowdfence "))
