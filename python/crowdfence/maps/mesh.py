@@ -17,6 +17,7 @@ from crowdfence.georeference import Georeference
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
 from crowdfence.maps.obj_lines import plain_obj
+from crowdfence.maps.ply_faces import UNEVEN, check_ply_lines, cut_polygons, require_even_faces
 from crowdfence.maps.voxel_size import chosen_voxel_size, round_voxel_size_m
 
 LONGEST_SIDE_M = 1e6
@@ -162,12 +163,6 @@ def _stands_upright(
     )
 
 
-_UNEVEN = (
-    "its faces have different numbers of corners, which cannot be read from a binary .ply, or it is cut off: "
-    "write it with triangles alone, or as .obj"
-)
-
-
 def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Finite vertices [N, 3] and triangles [M, 3] with existing vertices, both not empty."""
     mesh = _parse(path)
@@ -190,7 +185,7 @@ def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             f"triangles use vertices {int(triangles.min())} to {int(triangles.max())}, but there are "
             f"{len(vertices)}: the file is damaged",
         )
-    return vertices, triangles
+    return vertices, cut_polygons(path, mesh, vertices, triangles)
 
 
 def _parse(path: Path) -> Any:
@@ -201,43 +196,25 @@ def _parse(path: Path) -> Any:
 
     data, kind = path.read_bytes(), path.suffix.lower()[1:]
     if kind == "ply":
-        _check_ply_lines(path, data)
+        check_ply_lines(path, data)
     else:
         # Names of materials may be in any encoding; they do not matter.
         data = plain_obj(path, data).decode("utf-8", errors="replace").encode()
     try:
-        # Bytes instead of a path: without a folder to look in, no texture or material can be opened.
+        # Bytes instead of a path: without a folder to look in, no texture or material can be opened. Without
+        # fix_texture, a vertex is not doubled for its textures, and faces keep its number.
         mesh = trimesh.load_mesh(
-            BytesIO(data), file_type=kind, process=False, maintain_order=True, skip_materials=True
+            BytesIO(data),
+            file_type=kind,
+            process=False,
+            maintain_order=True,
+            skip_materials=True,
+            fix_texture=False,
         )
     except Exception as error:  # trimesh raises whatever its parsers stumble over
         if kind == "ply" and "unexpected length" in str(error):
-            raise MapError(path, _UNEVEN) from error
+            raise MapError(path, UNEVEN) from error
         raise MapError(path, f"not a readable mesh ({type(error).__name__}: {one_line(error)})") from error
-    if kind == "ply" and _has_uneven_faces(mesh):
-        raise MapError(path, _UNEVEN)
+    if kind == "ply":
+        require_even_faces(path, mesh)
     return mesh
-
-
-def _has_uneven_faces(mesh: Any) -> bool:
-    """Whether binary faces have other numbers of corners than the first one, by which all were read: where
-    what one has more another has less, the file is as long as if they had not."""
-    raw = getattr(mesh, "metadata", {}).get("_ply_raw", {}).get("face", {}).get("data")
-    lists = () if getattr(raw, "dtype", None) is None else (raw.dtype.names or ())
-    counts = [raw[name]["f0"] for name in lists if raw[name].dtype.names and "f0" in raw[name].dtype.names]
-    return any(len(count) > 0 and bool((count != count[0]).any()) for count in counts)
-
-
-def _check_ply_lines(path: Path, data: bytes) -> None:
-    """An ASCII .ply has one line per element; the parser would accept a shorter file silently."""
-    head, _, body = data.partition(b"end_header")
-    words = [line.split() for line in head.splitlines()]
-    if [b"format", b"ascii"] not in [line[:2] for line in words]:
-        return
-    counts = [line[2] for line in words if len(line) == 3 and line[0] == b"element"]
-    promised = sum(int(count) for count in counts if count.isdigit())
-    lines = sum(1 for line in body.splitlines() if line.strip())
-    if lines < promised:
-        raise MapError(
-            path, f"its header promises {promised} elements, but {lines} lines follow: truncated or damaged"
-        )

@@ -9,7 +9,9 @@ and negative indices from the last vertex before the face.
 
 from __future__ import annotations
 
+import re
 from codecs import BOM_UTF8
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +19,17 @@ from numpy.typing import NDArray
 
 from crowdfence.errors import quoted
 from crowdfence.maps.map_error import MapError
-from crowdfence.maps.polygons import triangles_of
+from crowdfence.maps.polygons import MOST_CORNERS, fans_from_second, triangles_of
 
 _INDENTED = (b"\n ", b"\n\t", b"\nf\t", b"\nv\t")
+_TEXTURE_AND_NORMAL = re.compile(rb"/\S*")
 _CONTINUED = (b"\\\n", b"\\\r")
-MOST_CORNERS = 1000
-"""Of a face; cutting it up takes a second then, and four for twice as many."""
 
 
 def plain_obj(path: Path, data: bytes) -> bytes:
-    """`data` with vertices and faces that begin their lines, with positive indices, and with triangles for
-    faces of five corners and more; the same bytes where they are so already, which costs 2 s for 100 MB.
+    """`data` with vertices and faces that begin their lines, with positive indices, with triangles for faces
+    of five corners and more, and with quads whose notch is at the first corner or the third, so that a fan
+    covers them; the same bytes where they are so already, which costs 2 s for 100 MB.
     MapError names a line with a face of fewer than three corners or too many, or an index that is none;
     whether a positive one exists, the parser finds out."""
     data = data.removeprefix(BOM_UTF8)
@@ -38,14 +40,15 @@ def plain_obj(path: Path, data: bytes) -> bytes:
     faces = [line for line in lines if line.startswith(b"f ")]
     together = b"\n".join(faces)
     with_slash = sum(b"/" in line for line in faces)
+    words = {len(line.split()) for line in faces}
     if (
         b"-" in together
         or b" 0" in together
         or with_slash not in (0, len(faces))  # the parser goes by the count of numbers in a line
-        or any(not 4 <= len(line.split()) <= 5 for line in faces)
+        or not words <= {4, 5}
     ):
         _make_plain(path, lines)
-    elif not unlike:
+    elif not (5 in words and _turn_quads(lines)) and not unlike:
         return data
     return b"\n".join(lines)
 
@@ -92,13 +95,36 @@ def _make_plain(path: Path, lines: list[bytes]) -> None:
             lines[number - 1] = b"\n".join(b"f %s" % " ".join(map(str, face)).encode() for face in faces)
 
 
+def _turn_quads(lines: list[bytes]) -> bool:
+    """Whether a face of four corners had to begin with another one, in place, for a fan to cover it."""
+    numbers = [
+        number for number, line in enumerate(lines) if line.startswith(b"f ") and len(line.split()) == 5
+    ]
+    places = _places(lines)
+    corners = _TEXTURE_AND_NORMAL.sub(b"", b" ".join(lines[number][2:] for number in numbers))
+    try:
+        quads = np.array(list(map(int, corners.split())), np.int64).reshape(-1, 4)
+    except (ValueError, OverflowError):  # no indices, which the parser complains about
+        return False
+    if quads.min() < 1 or quads.max() > len(places):
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):
+        turned = np.flatnonzero(fans_from_second(places[quads - 1]))
+    for number in (numbers[quad] for quad in turned.tolist()):
+        _, first, *rest = lines[number].split()
+        lines[number] = b" ".join([b"f", *rest, first])
+    return len(turned) > 0
+
+
 def _places(lines: list[bytes]) -> NDArray[np.float64]:
     """Vertices [N, 3]; none where a line is not three numbers, which the parser complains about."""
+    rows = [line.split()[1:4] for line in lines if line.startswith(b"v ")]
+    if any(len(row) != 3 for row in rows):
+        return np.empty((0, 3))
     try:
-        places = np.array([line.split()[1:4] for line in lines if line.startswith(b"v ")], np.float64)
+        return np.array(list(map(float, chain.from_iterable(rows))), np.float64).reshape(-1, 3)
     except ValueError:
         return np.empty((0, 3))
-    return places if places.ndim == 2 and places.shape[1] == 3 else np.empty((0, 3))
 
 
 def _cut(indices: list[int], places: NDArray[np.float64]) -> list[list[int]]:
