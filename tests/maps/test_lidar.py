@@ -10,9 +10,10 @@ import pytest
 
 from crowdfence import Terrain
 from crowdfence.georeference import Georeference
-from crowdfence.maps import MapError, open_terrain, read_map, stated_place
+from crowdfence.maps import MapError, open_terrain, point_cover, read_map, stated_place
 from crowdfence.maps.ground_surface import triangulate
 from crowdfence.maps.point_cells import Gathered, VoxelKeys, cells, lowest, means, summed
+from crowdfence.maps.point_cover import PointCover
 
 FOOT_M = 0.3048
 
@@ -211,6 +212,85 @@ def test_voxels_follow_the_density_of_the_points(tmp_path):
     # 0.6 m from point to point: the next of 1, 2, 5 is 1 m.
     path = write_las(tmp_path / "a.las", grid_points(30, lambda x, y: 3.0, step=0.6))
     assert Terrain.open(path, assume_local=True).voxel_size_m == 1.0
+
+
+def with_stray(points, *strays):
+    return np.vstack([points, *strays])
+
+
+@pytest.mark.parametrize(
+    ("strays", "kind"),
+    [([[60_000.0, 5, 3]], 2), ([[60_000.0, 5, 3]] * 200, 7), ([[60_000.0, -60_000, 3]], 1)],
+)
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+@pytest.mark.parametrize("point_format", [1, 6])
+def test_points_far_from_all_others_do_not_make_voxels_coarse(tmp_path, suffix, point_format, strays, kind):
+    """120 m by 120 m of points 0.45 m apart: voxels of 0.5 m, though the header spans 60 km."""
+    points = grid_points(120, lambda x, y: 3.0, step=0.45)
+    kinds = np.r_[np.full(len(points), 2), np.full(len(strays), kind)]
+    path = tmp_path / f"a{suffix}"
+    write_las(path, with_stray(points, strays), kinds, point_format=point_format)
+    reading = read_map(path, assume_local=True)
+    assert reading.terrain.voxel_size_m == 0.5
+    assert "up to 0.5 m apart on average" in reading.voxel_size_why
+
+
+def test_withheld_points_and_noise_are_not_counted(tmp_path):
+    """Points 0.45 m apart make voxels of 0.5 m. With three of four marked, 0.9 m are between the others."""
+    for kind, withheld in ((7, 0), (18, 0), (1, 1)):
+        points = grid_points(45, lambda x, y: 3.0, step=0.45)
+        apart = (np.floor(points[:, 0] / 0.45) % 2 == 0) & (np.floor(points[:, 1] / 0.45) % 2 == 0)
+        path = write_las(tmp_path / "a.las", points, np.where(apart, 2, kind))
+        cloud = laspy.read(path)
+        cloud.withheld = np.where(apart, 0, withheld)
+        cloud.write(path)
+        assert Terrain.open(path, assume_local=True).voxel_size_m == 1.0
+        cloud.withheld[:], cloud.classification = 0, np.full(len(points), 2)
+        cloud.write(path)
+        assert Terrain.open(path, assume_local=True).voxel_size_m == 0.5
+
+
+def test_a_strip_across_its_box_is_as_dense_as_its_points(tmp_path):
+    """40 m wide and 2 km long towards the north-east, points 0.4 m apart: 0.5 m, where the box of 2 km2
+    would say 2 m."""
+    points = grid_points(2000, lambda x, y: 3.0, step=0.4)[:, :3]
+    along = points[points[:, 1] < 40]
+    turned = along[:, :2] @ np.array([[1, 1], [-1, 1]]) / math.sqrt(2)
+    path = write_las(tmp_path / "strip.las", np.column_stack([turned, along[:, 2]]))
+    assert Terrain.open(path, assume_local=True).voxel_size_m == 0.5
+
+
+def test_the_stray_point_is_none_in_degrees_and_feet_either(tmp_path):
+    points = grid_points(120, lambda x, y: 3.0, step=0.45)
+    for crs, units, first in (
+        ("EPSG:4979", [1 / 111_320 / math.cos(math.radians(48)), 1 / 111_200, 1], [11, 48, 500]),
+        ("EPSG:2227+6360", [1 / 0.3048006] * 3, [6_000_000, 2_000_000, 0]),
+    ):
+        placed = with_stray(points, [[40_000.0, 5, 3]]) * units + first
+        path = write_las(tmp_path / "a.las", placed, crs=crs, scale=1e-7 if crs == "EPSG:4979" else 0.001)
+        assert Terrain.open(path, height_offset_m=0.0).voxel_size_m == 0.5
+
+
+def test_cover_of_points_is_that_of_their_ground():
+    random = np.random.default_rng(3)
+    for metres in (1.0, 0.3048, 111_000.0):
+        cover = PointCover(np.full(2, metres), near=np.zeros(2))
+        for _ in range(5):
+            cover.add(*(random.uniform(-400, 600, (2, 30_000)) / metres))  # 1 km2
+        cover.add(*(np.array([[90_000.0], [-90_000.0]]) / metres))
+        assert cover.points == 150_001
+        assert cover.area_m2(90_600 * 90_600) == pytest.approx(1e6, rel=0.02)
+        assert cover.area_m2(1.02e6) == 1.02e6
+
+
+def test_cover_of_points_takes_bounded_memory(monkeypatch):
+    monkeypatch.setattr(point_cover, "_MOST_CELLS", 1000)
+    cover = PointCover(np.ones(2), near=np.zeros(2))
+    east, north = (axis.ravel() for axis in np.mgrid[-256.0:256.0, -256.0:256.0] + 0.5)
+    for rows in np.array_split(np.arange(len(east)), 7):
+        cover.add(east[rows], north[rows])
+        assert len(cover._keys) <= 1000
+    assert cover.area_m2(1e9) == 512 * 512
 
 
 def test_files_without_reference_system_are_refused(tmp_path):

@@ -23,6 +23,7 @@ from crowdfence.maps.las_header import check_las_header
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
 from crowdfence.maps.point_cells import Gathered, VoxelKeys, cells, lowest, means, summed
+from crowdfence.maps.point_cover import PointCover
 from crowdfence.maps.source_frame import (
     MAX_DISTANCE_M,
     HeightRules,
@@ -31,7 +32,7 @@ from crowdfence.maps.source_frame import (
     chosen_crs,
     source_frame,
 )
-from crowdfence.maps.voxel_size import chosen_voxel_size, round_voxel_size_m
+from crowdfence.maps.voxel_size import FINEST_M, chosen_voxel_size, round_voxel_size_m
 
 if TYPE_CHECKING:
     from pyproj import CRS
@@ -83,10 +84,10 @@ def open_lidar(
       ground is `unmeasured`.
     - `crs`, `height_unit`, `height_offset_m`, `assume_local`: as in `maps.geotiff.open_geotiff`.
 
-    Without `voxel_size_m` it follows the mean distance of neighbouring points, rounded up to 1, 2 or 5 times
-    a power of ten, and is at least 0.25 m; where it is above a metre it is 0.5 m, or as fine as ten million
-    columns allow. Without `georeference` the anchor is the middle of the file at its lowest height, rounded
-    down to whole metres.
+    Without `voxel_size_m` it follows the mean distance of neighbouring points on the ground that they cover
+    (`maps.point_cover`), rounded up to 1, 2 or 5 times a power of ten, and is at least 0.25 m; where it is
+    above a metre it is 0.5 m, or as fine as ten million columns allow. Without `georeference` the anchor is
+    the middle of the file at its lowest height, rounded down to whole metres.
 
     MapError for a file without reference system, without usable points, with fewer points than its header
     says or at heights that no land has, more than 200 km from the anchor, too large for the voxel size, or
@@ -104,8 +105,10 @@ def open_lidar(
         metres_per_height = rules.metres_per_height(known_crs, _height_label(path, reader.header))
         frame = _frame(known_crs, georeference, rules, metres_per_height, low, high)
         corners = frame.local_from_source(*np.stack([low, high], axis=-1))
-        area_m2 = float(np.abs(corners[1, :2] - corners[0, :2]).prod())
-        distance_m = round_voxel_size_m(math.sqrt(area_m2 / reader.header.point_count))
+        area_m2, points = _box_m2(corners), int(reader.header.point_count)
+        if voxel_size_m is None and round_voxel_size_m(math.sqrt(area_m2 / points)) > FINEST_M:
+            area_m2, points = _covered(path, frame, low, high)
+        distance_m = round_voxel_size_m(math.sqrt(area_m2 / points))
         told = f"its points, up to {distance_m:g} m apart on average"
         voxels = chosen_voxel_size(voxel_size_m, distance_m, told, area_m2)
         keys = VoxelKeys(voxels.size_m, near=corners.mean(axis=0))
@@ -140,6 +143,41 @@ def _of_holes(survey: _Survey, terrain: Terrain) -> Iterator[str]:
             "hole in the map, because no points of the ground class (2) lie around it: unless that is water, "
             "crowds there are lost; pass surface='all' to have it"
         )
+
+
+def _box_m2(corners: NDArray[np.float64]) -> float:
+    """Area in plan of the box between two `corners` [2, 3], local metres."""
+    return float(np.abs(corners[1, :2] - corners[0, :2]).prod())
+
+
+def _covered(
+    path: Path, frame: SourceFrame, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[float, int]:
+    """Ground that the usable points cover, m2, and their number. Their plan is read for it, which takes a
+    fraction of the time of the rest: the header's bounds are as wide as a single stray point is far."""
+    from laspy import DecompressionSelection as Fields
+
+    x, y, _ = middle = (low + high) / 2
+    steps = (high - low)[:2] / 1000
+    around = frame.local_from_source(
+        np.array([x, x + steps[0], x]), np.array([y, y, y + steps[1]]), np.full(3, middle[2])
+    )
+    sides_m = np.linalg.norm((around[1:] - around[0])[:, :2], axis=1)
+    cover = PointCover(np.divide(sides_m, steps, out=np.ones(2), where=steps > 0), near=low[:2])
+    with _reader(path, Fields.XY_RETURNS_CHANNEL | Fields.CLASSIFICATION | Fields.FLAGS) as reader:
+        chunks = reader.chunk_iterator(_CHUNK_POINTS)
+        while True:
+            with _damage(path):
+                chunk = next(chunks, None)
+                if chunk is None:
+                    break
+                usable = _usable(chunk)
+                cover.add(np.asarray(chunk.x, np.float64)[usable], np.asarray(chunk.y, np.float64)[usable])
+    if cover.points == 0:
+        return 0.0, 1
+    plan = np.stack([cover.low, cover.high])
+    corners = frame.local_from_source(plan[:, 0], plan[:, 1], np.array([low[2], high[2]]))
+    return cover.area_m2(_box_m2(corners)), cover.points
 
 
 def stated_crs(path: Path) -> CRS | None:
@@ -219,14 +257,16 @@ def _voxel_points(rows: NDArray[Any], keys: VoxelKeys) -> NDArray[np.float64]:
 
 
 @contextmanager
-def _reader(path: Path) -> Iterator[Any]:
+def _reader(path: Path, fields: Any = None) -> Iterator[Any]:
+    """`fields`: those that are needed, where not all."""
+    only = {} if fields is None else {"decompression_selection": fields}
     try:
         import laspy
     except ImportError as error:
         raise MapError(path, "reading lidar needs laspy: pip install 'crowdfence[lidar]'") from error
     with _damage(path):
         check_las_header(path)
-        reader = laspy.open(path, laz_backend=laspy.LazBackend.Lazrs)
+        reader = laspy.open(path, laz_backend=laspy.LazBackend.Lazrs, **only)
     with reader:
         if reader.header.point_count == 0:
             raise MapError(path, "holds no points")
@@ -293,6 +333,11 @@ def _frame(
     return source_frame(crs, georeference, rules, metres_per_height, centre=(x, y), lowest=lowest)
 
 
+def _usable(chunk: Any) -> NDArray[np.bool_]:
+    """Which points are neither noise nor withheld."""
+    return ~(np.isin(np.asarray(chunk.classification), NOISE) | np.asarray(chunk.withheld, bool))
+
+
 def _chunks(path: Path, reader: Any, frame: SourceFrame, kinds: Counter[int]) -> Chunks:
     """The usable points, counted by their class into `kinds`."""
     count = 0
@@ -303,8 +348,7 @@ def _chunks(path: Path, reader: Any, frame: SourceFrame, kinds: Counter[int]) ->
             if chunk is None:
                 break
             x, y, z = (np.asarray(values, np.float64) for values in (chunk.x, chunk.y, chunk.z))
-            kind = np.asarray(chunk.classification)
-            usable = ~(np.isin(kind, NOISE) | np.asarray(chunk.withheld, bool))
+            kind, usable = np.asarray(chunk.classification), _usable(chunk)
         kinds.update(dict(enumerate(np.bincount(kind[usable]).tolist())))
         height_m = z * frame.metres_per_height
         no_land = usable & ((height_m < LOWEST_PLAUSIBLE_M) | (height_m > HIGHEST_PLAUSIBLE_M))
