@@ -1,6 +1,7 @@
 """Local frame against closed-form arithmetic on the ellipsoid, which shares no code with PROJ."""
 
 import math
+import struct
 
 import numpy as np
 import pytest
@@ -118,10 +119,36 @@ def test_heights_above_a_geoid_are_never_taken_as_ellipsoidal_without_its_grid()
     try:
         local = ALPS.local_from_projected("EPSG:32632+5773", 500_000.0, 5_150_000.0, 1200.0)
     except ValueError as error:
-        assert "geoid grid" in str(error)
+        assert "geoid grid for them is not installed" in str(error)
+        assert "pyproj sync --file us_nga_egm96_15.tif" in str(error)
     else:  # the EGM96 grid is installed: the geoid lies 45-55 m above the ellipsoid in the Alps
         ellipsoidal = ALPS.local_from_projected("EPSG:32632", 500_000.0, 5_150_000.0, 1200.0)
         assert 40 < local[0, 2] - ellipsoidal[0, 2] < 60
+
+
+@pytest.mark.parametrize("projection", ["longlat", "utm +zone=32"])
+def test_a_place_beyond_a_vertical_grid_is_told(tmp_path, projection):
+    """A geoid 48 m high from 45 to 48 degrees north and 10 to 12 east: (latitude, longitude) of its first
+    point, steps, rows, columns."""
+    grid = tmp_path / "small.gtx"
+    values = np.full(35, 48.0, ">f4").tobytes()
+    grid.write_bytes(struct.pack(">4d2i", 45.0, 10.0, 0.5, 0.5, 7, 5) + values)
+    crs = f"+proj={projection} +datum=WGS84 +geoidgrids={grid} +vunits=m +no_defs +type=crs"
+    inside = Georeference(46.0, 11.0, 548.0)
+    flat = f"+proj={projection} +datum=WGS84 +no_defs +type=crs"
+    x, y, _ = inside.projected_from_local(flat, [[0.0, 0.0, 0.0]])[0]
+    np.testing.assert_allclose(inside.local_from_projected(crs, x, y, 500.0), [[0, 0, 0]], atol=1e-6)
+    told = r"vertical grid .*small.gtx\) does not cover latitude 52, longitude 7.*height_offset_m"
+    outside = Georeference(52.0, 7.0, 0.0)
+    x, y, _ = outside.projected_from_local(flat, [[0.0, 0.0, 0.0]])[0]
+    with pytest.raises(ValueError, match=told):
+        Georeference.from_projected(crs, x, y, 500.0)
+    with pytest.raises(ValueError, match=told):
+        outside.projected_from_local(crs, [[0.0, 0.0, 0.0]])
+    with pytest.raises(ValueError, match="entry 0, .*nan.* is not finite"):
+        Georeference.from_projected(crs, math.nan, y, 500.0)
+    with pytest.raises(ValueError, match="entry 0, .*nan.* is not finite"):
+        Georeference.from_projected(crs, x, y, math.nan)
 
 
 @pytest.mark.parametrize(

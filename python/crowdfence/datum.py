@@ -11,6 +11,7 @@ transformation that PROJ has is a coarse one, as of NAD27 without its grids.
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -42,12 +43,12 @@ def wgs84_from(crs: CRS) -> Transformer:
             "crs='EPSG:...', the reference system with its datum"
         )
     if crs.is_compound:
-        why, cure = "PROJ's geoid grid for them is not installed", "Install it (pyproj sync, proj-data)"
+        why, cure = "PROJ's geoid grid for them is not installed", f"Get it ({_sync(_missing_grids(crs))})"
         if not known:
             why, cure = "PROJ does not know how its datum lies to WGS84", "Name one with a datum"
         raise ValueError(
             f"heights of {crs.name!r} cannot be converted to the WGS84 ellipsoid: {why}. {cure}, or use the "
-            "horizontal part of the CRS and add the height of the geoid yourself (for maps: height_offset_m)"
+            "horizontal part of the CRS and add the geoid's height (for maps: height_offset_m)"
         )
     from pyproj.exceptions import ProjError
 
@@ -125,21 +126,46 @@ def _datum(crs: CRS) -> str:
     return "none" if crs.datum is None else str(crs.datum.name)
 
 
+def uncovered_heights(crs: CRS, transformer: Transformer, place: tuple[float, float]) -> str:
+    """Why heights of a compound CRS cannot be converted at a latitude and longitude that lie in its
+    horizontal part, and what to do."""
+    used = [grid.short_name for operation in transformer.operations or () for grid in operation.grids]
+    name = f" ({PurePath(used[0]).name})" if used else ""
+    grids = _missing_grids(crs, place)
+    cure = f"get {grids[0]} ({_sync(grids)}), or " if grids else ""
+    return (
+        f"PROJ's vertical grid for heights of {crs.name!r}{name} does not cover latitude {place[0]:.6g}, "
+        f"longitude {place[1]:.6g}: {cure}use the horizontal part of the CRS and add the geoid's height "
+        "(for maps: height_offset_m)"
+    )
+
+
+def _sync(grids: list[str]) -> str:
+    return f"pyproj sync --file {grids[0]}" if grids else "pyproj sync, proj-data"
+
+
 def _missing_grid(crs: CRS, place: tuple[float, float] | None = None) -> str:
     """The grid that would help, there or anywhere, for the middle of a sentence."""
+    grids = _missing_grids(crs, place)
+    return f". Its grid {grids[0]} is not installed ({_sync(grids)})" if grids else ""
+
+
+def _missing_grids(crs: CRS, place: tuple[float, float] | None = None) -> list[str]:
+    """Grids of which one would help, there or anywhere: those first that `pyproj sync` can get, and of them
+    those that need no second one."""
     import warnings
 
     from pyproj.exceptions import ProjError
     from pyproj.transformer import AreaOfInterest, TransformerGroup
 
+    target = "EPSG:4326" if len(crs.axis_info) < 3 else "EPSG:4979"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # it warns of the very grid that is asked for
             area = None if place is None else AreaOfInterest(place[1], place[0], place[1], place[0])
-            group = TransformerGroup(
-                crs, "EPSG:4326", always_xy=True, area_of_interest=area, allow_ballpark=False
-            )
+            group = TransformerGroup(crs, target, always_xy=True, area_of_interest=area, allow_ballpark=False)
     except ProjError:
-        return ""
-    grids = [grid.short_name for operation in group.unavailable_operations for grid in operation.grids]
-    return f". Its grid {grids[0]} is not installed (pyproj sync --file {grids[0]})" if grids else ""
+        return []
+    needed = [list(operation.grids) for operation in group.unavailable_operations]
+    missing = [(not grids[0].url, len(grids), grids[0].short_name) for grids in needed if grids]
+    return [name for *_, name in sorted(missing, key=lambda grid: grid[:2])]

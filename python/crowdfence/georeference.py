@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.datum import wgs84_from
+from crowdfence.datum import uncovered_heights, wgs84_from
 from crowdfence.plain_values import make_plain
 
 if TYPE_CHECKING:
@@ -95,8 +95,8 @@ class Georeference:
     def projected_from_local(self, crs: CRS | str | int, points: ArrayLike) -> NDArray[np.float64]:
         """Inverse of `local_from_projected`: local ENU metres [N, 3] -> coordinates (x, y, z) [N, 3]."""
         known = _as_crs(crs)
-        to_wgs84 = wgs84_from(known)
-        return np.stack(_transform(to_wgs84, self._geodetic(points), f"WGS84 -> {known.name}", True), axis=-1)
+        geodetic = self._geodetic(points)
+        return np.stack(_through(known, geodetic, f"WGS84 -> {known.name}", True), axis=-1)
 
     def _geodetic(self, points: ArrayLike) -> tuple[NDArray[np.float64], ...]:
         """(longitude_deg, latitude_deg, ellipsoidal height), each [N], of local points [N, 3]."""
@@ -125,7 +125,25 @@ def _geodetic_from_projected(
 ) -> tuple[NDArray[np.float64], ...]:
     """(longitude_deg, latitude_deg, ellipsoidal height), each [N]."""
     known = _as_crs(crs)
-    return _transform(wgs84_from(known), (x, y, z), f"{known.name} -> WGS84")
+    return _through(known, (x, y, z), f"{known.name} -> WGS84")
+
+
+def _through(
+    crs: CRS, coordinates: tuple[Any, ...], what: str, inverse: bool = False
+) -> tuple[NDArray[np.float64], ...]:
+    """`_transform` from a CRS to WGS84; ValueError says so where only a vertical grid has no such place."""
+    transformer = wgs84_from(crs)
+    try:
+        return _transform(transformer, coordinates, what, inverse)
+    except ValueError:
+        if not crs.is_compound:
+            raise
+    flat = _transform(wgs84_from(crs.sub_crs_list[0]), coordinates, what, inverse)
+    x, y, z = np.broadcast_arrays(*map(np.atleast_1d, coordinates))
+    heights = transformer.transform(x, y, z, direction="INVERSE" if inverse else "FORWARD")[2]
+    first = int(np.argmax(~np.isfinite(heights)))
+    longitude, latitude = (x, y) if inverse else flat[:2]
+    raise ValueError(uncovered_heights(crs, transformer, (float(latitude[first]), float(longitude[first]))))
 
 
 def _as_crs(crs: CRS | str | int) -> CRS:
