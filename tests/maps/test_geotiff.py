@@ -258,6 +258,35 @@ def test_heights_of_zero_far_below_all_others_are_doubted(tmp_path):
     assert read_map(path, assume_local=True, height_unit="ft").doubts == ()  # 18.3 m
 
 
+@pytest.mark.parametrize(
+    ("mark", "dtype", "unit"),
+    [(255, "uint8", "m"), (999, "float32", "m"), (9999, "float32", "ft"), (9999, "int16", "ft")],
+)
+def test_marks_far_above_all_heights_are_doubted(tmp_path, mark, dtype, unit):
+    """The largest number of a byte, and nines; not a tower of another height."""
+    heights = np.full((3, 4), 120, dtype)
+    heights[0, 0], heights[1, 1] = 115, mark
+    path = local_map(tmp_path, heights, dtype=dtype, nodata=None)
+    (doubt,) = read_map(path, assume_local=True, height_unit=unit).doubts
+    assert doubt.startswith(f"1 pixels (8.3%) have the height {mark} and all others 120 and less")
+    assert doubt.endswith(f"pass nodata={mark}")
+    assert read_map(path, assume_local=True, height_unit=unit, nodata=mark).doubts == ()
+    heights[1, 1] = mark - 5
+    assert (
+        read_map(
+            local_map(tmp_path, heights, dtype=dtype, nodata=None), assume_local=True, height_unit=unit
+        ).doubts
+        == ()
+    )
+    heights[1, 1:3] = mark, mark - 5  # a slope that goes on
+    assert (
+        read_map(
+            local_map(tmp_path, heights, dtype=dtype, nodata=None), assume_local=True, height_unit=unit
+        ).doubts
+        == ()
+    )
+
+
 @pytest.mark.parametrize("mark", [-99.0, -0.5, 1.0, 300.0])
 def test_other_marks_far_below_all_heights_are_doubted(tmp_path, mark):
     heights = np.full((3, 4), 320.0)

@@ -90,8 +90,8 @@ def open_geotiff(
         bridged = replace(projection, raster=replace(raster, bridges=bridges))
         voxels = _voxel_size(bridged, voxel_size_m)
         terrain = _terrain(path, bridged, voxels.size_m)
-        mark = raster.mark_doubt(projection.height_range[0], projection.frame.metres_per_height)
-        doubts = projection.frame.doubts if mark is None else (*projection.frame.doubts, mark)
+        marks = raster.mark_doubts(*projection.height_range, projection.frame.metres_per_height)
+        doubts = (*projection.frame.doubts, *marks)
     terrain.georeference = projection.frame.georeference
     return MapReading(terrain, holes, voxels.why, doubts)
 

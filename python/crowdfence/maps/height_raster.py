@@ -22,6 +22,9 @@ HIGHEST_PLAUSIBLE_M = 9000.0
 # Water has shores: where its level meets land, some land is less than this above it.
 _LOWEST_LAND_M = 20.0
 
+_HIGH_MARKS = (999.0, 9999.0, 99999.0, 32767.0, 65535.0)
+"""Marks of missing data above all land, as stored; scales and feet bring them among heights."""
+
 _STRIP_PIXELS = 1 << 24
 
 
@@ -110,22 +113,33 @@ class HeightRaster:
             raise MapError(self.path, "no pixel has a height: all are marked as missing")
         return lowest, highest
 
-    def mark_doubt(self, lowest: float, unit_m: float) -> str | None:
-        """One sentence where the `lowest` height of the file lies far below all others: so look marks of
-        missing data that the file does not declare, 0 most often."""
-        count, above = 0, math.inf
+    def mark_doubts(self, lowest: float, highest: float, unit_m: float) -> tuple[str, ...]:
+        """One sentence each where the `lowest` height of the file lies far below all others, or the `highest`
+        far above them and is a number that marks things: so look marks of missing data that the file does
+        not declare, 0 most often."""
+        stored = self._as_stored(highest)
+        dtype = np.dtype(self.dataset.dtypes[self.band - 1])
+        is_mark = stored in _HIGH_MARKS or (dtype.kind in "iu" and stored == np.iinfo(dtype).max)
+        low = (self._mark_doubt(lowest, unit_m, 1.0, "and more", "pits"),)
+        high = (self._mark_doubt(highest, unit_m, -1.0, "and less", "towers"),) if is_mark else ()
+        return tuple(doubt for doubt in (*low, *high) if doubt is not None)
+
+    def _mark_doubt(self, mark: float, unit_m: float, others: float, beyond: str, what: str) -> str | None:
+        """`others` lie above (1.0) or below (-1.0)."""
+        count, gap = 0, math.inf
         for _, strip in self.strips():
-            count += int(np.count_nonzero(strip == lowest))
-            above = min(above, float(np.min(strip, initial=math.inf, where=strip > lowest)))
-            if (above - lowest) * unit_m < _LOWEST_LAND_M:
+            count += int(np.count_nonzero(strip == mark))
+            gaps = (strip - mark) * others
+            gap = min(gap, float(np.min(gaps, initial=math.inf, where=gaps > 0.0)))
+            if gap * unit_m < _LOWEST_LAND_M:
                 return None
-        if above == math.inf:
+        if gap == math.inf:
             return None
-        share = count / (self.width * self.height)
+        share, next_to_it = count / (self.width * self.height), mark + others * gap
         return (
-            f"{count:,} pixels ({share:.1%}) have the height {lowest:.5g} and all others {above:.5g} "
-            "and more: where that marks missing data there are pits now, in which crowds are put in wrong "
-            f"places; pass nodata={self._as_stored(lowest):.17g}"
+            f"{count:,} pixels ({share:.1%}) have the height {mark:.5g} and all others {next_to_it:.5g} "
+            f"{beyond}: where that marks missing data there are {what} now, in which crowds are put in wrong "
+            f"places; pass nodata={self._as_stored(mark):.17g}"
         )
 
     def _as_stored(self, height: float) -> float:
