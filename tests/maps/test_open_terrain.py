@@ -41,6 +41,20 @@ def test_octomap(tmp_path):
         open_terrain(path)
 
 
+def test_stamps_of_pyoctomap_behind_the_nodes_are_passed_over(tmp_path):
+    """A line and a zip of the stamps, which other readers of OctoMap never come to."""
+    path = tmp_path / "stamped.bt"
+    nodes = ONE_VOXEL.replace(b"id OcTree", b"id OcTreeStamped")
+    path.write_bytes(nodes + b"\n#PYOC_TIME_V1\n\x01\x05\x00\x00PK\x03\x04")
+    assert open_terrain(path).voxel_count == 1
+    path.write_bytes(nodes + b"\n#stray")
+    with pytest.raises(MapError, match="7 more bytes follow"):
+        open_terrain(path)
+    path.write_bytes(nodes[:-2] + b"\n#PYOC_TIME_V1\n")
+    with pytest.raises(MapError, match=r"stamped\.bt: "):
+        open_terrain(path)
+
+
 def test_what_is_no_map_file_is_refused(tmp_path):
     (tmp_path / "folder.tif").mkdir()
     (tmp_path / "maps").mkdir()

@@ -12,6 +12,10 @@ from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
 from crowdfence.octomap_frame import LONGEST_HEADER, marked, moved_back, read_frame
 
+_STAMPS_OF_PYOCTOMAP = b"\n#PYOC_TIME_V1\n"
+"""What pyoctomap writes behind the nodes of an OcTreeStamped in a .bt, before a zip of its stamps. Other
+readers of OctoMap stop at the last node; that more bytes follow is an error here, for one that is wrong."""
+
 
 def open_octomap(
     path: Path,
@@ -27,7 +31,7 @@ def open_octomap(
     anchor other than `georeference` is refused. Other files know no place on Earth: `georeference` is taken
     as given and `origin` is zero unless given.
     """
-    data = path.read_bytes()
+    data = path.read_bytes().partition(_STAMPS_OF_PYOCTOMAP)[0]
     frame = read_frame(data)
     known = frame if origin is None else None
     place = (known.origin_m if known else (0.0, 0.0, 0.0)) if origin is None else origin
