@@ -156,6 +156,11 @@ BROKEN = [
     ("huge.ply", binary_ply().replace(b"vertex 4", b"vertex 4000000000"), "or it is cut off"),
     ("text.ply", b"a picture of a hill", "not a readable mesh"),
     ("points.ply", ascii_ply(faces=[]), "holds no triangles"),
+    (
+        "strips.ply",
+        ascii_ply(faces=[(0, 1, 3, 2)]).replace(b"element face", b"element tristrips"),
+        "its triangles are written as strips .*write them as faces",
+    ),
     ("index.ply", ascii_ply(faces=[(0, 1, 4)]), "use vertices 0 to 4, but there are 4"),
     ("negative.ply", ascii_ply(faces=[(0, 1, -1)]), "use vertices -1 to 1, but there are 4"),
     ("nan.ply", ascii_ply([[0, 0, 0], [1, math.nan, 0], [0, 1, 0]], [(0, 1, 2)]), "vertex 1 is .*nan"),

@@ -23,9 +23,16 @@ _INDICES = ("vertex_index", "vertex_indices")
 
 
 def check_ply_lines(path: Path, data: bytes) -> None:
-    """MapError for an ASCII .ply, which has one line per element, with fewer lines than its header says."""
+    """MapError for strips of triangles, and for an ASCII .ply, which has one line per element, with fewer
+    lines than its header says."""
     head, _, body = data.partition(b"end_header")
     words = [line.split() for line in head.splitlines()]
+    if any(line[:2] == [b"element", b"tristrips"] and line[2:] != [b"0"] for line in words):
+        raise MapError(
+            path,
+            "its triangles are written as strips (element tristrips), which cannot be read: write them as "
+            "faces (element face), as a modelling program does that opens and saves it",
+        )
     if [b"format", b"ascii"] not in [line[:2] for line in words]:
         return
     counts = [line[2] for line in words if len(line) == 3 and line[0] == b"element"]
