@@ -34,6 +34,12 @@ export function drapeFrame(heights: Heights, most = MOST_PIXELS): DrapeFrame {
   };
 }
 
+/** In plain memory, where its pixels are made and where they are read from. */
+export function drapeCanvas({ width, height }: DrapeFrame): { canvas: OffscreenCanvas; context: OffscreenCanvasRenderingContext2D } {
+  const canvas = new OffscreenCanvas(width, height);
+  return { canvas, context: canvas.getContext("2d", { willReadFrequently: true })! };
+}
+
 /** Light from the north-west, 45 degrees up, as on printed maps; [0, 1] per cell. */
 export function hillshade(heights: Heights): Float32Array {
   const { rows, columns, cell_size_m } = heights.frame;

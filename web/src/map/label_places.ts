@@ -17,17 +17,17 @@ const BESIDE: readonly Offset[] = [[0, 0], [0, -12], [0, 36], [0, -24], [60, 0],
 const GAP = 2;
 
 const moved = (box: Box, [right, down]: Offset): Box => ({ ...box, x: box.x + right, y: box.y + down });
-const covers = (one: Box, other: Box) =>
-  Math.abs(one.x - other.x) < (one.width + other.width) / 2 + GAP && Math.abs(one.y - other.y) < (one.height + other.height) / 2 + GAP;
+const covers = (one: Box, [right, down]: Offset, other: Box) =>
+  Math.abs(one.x + right - other.x) < (one.width + other.width) / 2 + GAP && Math.abs(one.y + down - other.y) < (one.height + other.height) / 2 + GAP;
 
 /** How far each label stands from its place, null where it has no room: earlier ones choose first. Where all room beside
  * the markers is taken, a label covers a marker rather than be left out. */
 export function labelOffsets(labels: readonly Box[], markers: readonly Box[]): (Offset | null)[] {
   const taken: Box[] = [];
   return labels.map((label) => {
-    const besides = (others: readonly Box[]) => (offset: Offset) => !others.some((other) => covers(moved(label, offset), other));
+    const besides = (others: readonly Box[]) => (offset: Offset) => !others.some((other) => covers(label, offset, other));
     const [free, clear] = [besides(taken), besides(markers)];
-    const offset = BESIDE.find((one) => free(one) && clear(one)) ?? BESIDE.find(free) ?? null;
+    const offset = BESIDE.find((one) => clear(one) && free(one)) ?? BESIDE.find(free) ?? null;
     if (offset) taken.push(moved(label, offset));
     return offset;
   });

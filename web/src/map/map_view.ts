@@ -11,10 +11,11 @@ import { bounded, groundUnder, overview, viewportOf, VIEW, type Camera, type Siz
 import { css, droneColour, PALETTES, type Palette, type Rgb } from "./colours";
 import { BaseMap } from "./base_map";
 import { curtainMesh } from "./curtain";
-import { drapeFrame, groundPixels, paintAreas, paintBelief, type Area, type DrapeFrame } from "./drape";
+import { drapeCanvas, drapeFrame, groundPixels, paintAreas, paintBelief, type Area, type DrapeFrame } from "./drape";
 import { boundsOf, contains, cornersOf, draped, groundOf, onMap, type Bounds } from "./geometry";
 import { listen } from "./gestures";
 import type { Heights } from "./heights";
+import { Kept } from "./kept";
 import { MOST_VERTICES, skirtMesh, terrainMesh, type Mesh } from "./terrain_mesh";
 
 const ABOVE_GROUND_M = 0.7;
@@ -24,6 +25,8 @@ const WALL_M = [6, 26] as const;
 /** Software rendering uploads a drape in some 50 ms. */
 const DRAPE_EVERY_MS = 250;
 const FLY_MS = 450;
+/** Of ground that is closed for another reason than crowd. */
+const OTHER_ALPHA = 0.22;
 
 interface Ground {
   whole: Heights;
@@ -41,6 +44,15 @@ export interface Pointed {
   place: [number, number, number];
 }
 
+interface ZoneLine {
+  path: Place[];
+  colour: Rgb;
+  width: number;
+}
+
+/** Drawn by people, not by the service: they come after all others. */
+const isGiven = ({ kind }: Zone) => kind === "operator" || kind === "static";
+
 export class MapView {
   private deck: Deck<typeof VIEW>;
   private size: Size;
@@ -54,7 +66,9 @@ export class MapView {
   private flight: number | undefined;
   private ended: (() => void)[] = [];
   private wallTextures = new Map<string, ImageData>();
-  private walls = new Map<string, { zones: readonly Zone[]; mesh: Mesh | null }>();
+  private readonly lines = { own: new Kept<ZoneLine[]>(), given: new Kept<ZoneLine[]>() };
+  private readonly given = new Kept<OffscreenCanvas>();
+  private readonly walls = { crowd: new Kept<Mesh | null>(), other: new Kept<Mesh | null>() };
   /** Called after every change of what is where on the screen. */
   onFrame: (viewport: Viewport) => void = () => {};
   onPoint: (pointed: Pointed | null) => void = () => {};
@@ -294,7 +308,6 @@ export class MapView {
       bounds: [whole.frame.west, whole.frame.north - rows * whole.frame.cell_size_m, whole.frame.west + columns * whole.frame.cell_size_m, whole.frame.north],
     };
     this.base = null;
-    this.walls.clear();
     this.drapeSoon();
   }
 
@@ -330,10 +343,11 @@ export class MapView {
         byAge: state.layers.age,
       });
     }
-    const canvas = new OffscreenCanvas(width, height);
-    const context = canvas.getContext("2d")!;
+    const { canvas, context } = drapeCanvas(ground.frame);
     context.putImageData(new ImageData(pixels, width, height), 0, 0);
     paintAreas(context, ground.frame, this.areas(state));
+    const given = (state.layers.zones ? (state.moment?.zones.zones ?? []) : []).filter(isGiven);
+    if (given.length) context.drawImage(this.givenAreas(given, ground.frame), 0, 0);
     this.texture = canvas.transferToImageBitmap();
     this.redraw();
     this.store.set({ drapes: state.drapes + 1 });
@@ -353,17 +367,27 @@ export class MapView {
       }
     }
     if (state.layers.zones) {
-      for (const zone of state.moment?.zones.zones ?? []) {
+      for (const zone of (state.moment?.zones.zones ?? []).filter((zone) => !isGiven(zone))) {
         // The buffer alone is filled: what is known of the crowd stays to be seen.
         const ring: Outline = zone.crowd_outline ? [[...zone.polygon.flat(), ...zone.crowd_outline.flat()]] : zone.polygon;
-        areas.push({ outline: ring, fill: this.zoneColour(zone, zone.crowd_outline !== null), alpha: zone.kind === "crowd" ? 0.2 : 0.22, hatched: zone.kind !== "crowd" });
+        areas.push({ outline: ring, fill: this.zoneColour(zone, zone.crowd_outline !== null), alpha: zone.kind === "crowd" ? 0.2 : OTHER_ALPHA, hatched: zone.kind !== "crowd" });
       }
     }
     return areas;
   }
 
+  /** Zones of others lie over all else, and are painted once: there may be thousands, and a drape comes with every moment. */
+  private givenAreas(zones: readonly Zone[], frame: DrapeFrame): OffscreenCanvas {
+    const outlines = zones.map(({ polygon }) => polygon);
+    return this.given.of([frame, this.palette, ...outlines], () => {
+      const { canvas, context } = drapeCanvas(frame);
+      paintAreas(context, frame, outlines.map((outline) => ({ outline, fill: this.palette.operator, alpha: OTHER_ALPHA, hatched: true })));
+      return canvas;
+    });
+  }
+
   private zoneColour(zone: Zone, buffer: boolean): Rgb {
-    if (zone.kind === "operator" || zone.kind === "static") return this.palette.operator;
+    if (isGiven(zone)) return this.palette.operator;
     return buffer || zone.kind === "unseen" ? this.palette.buffer : this.palette.zone;
   }
 
@@ -379,8 +403,9 @@ export class MapView {
     const names = state.scene?.drones ?? [];
     const drones = (state.moment?.drones ?? []).filter((drone) => drone.position);
     const zones = layers.zones ? (state.moment?.zones.zones ?? []) : [];
-    const isChosen = (zone: Zone) => selection?.kind === "zone" && selection.id === zone.id;
-    const lines = zones.flatMap((zone) => this.zoneLines(zone, ground.shown, isChosen(zone)));
+    const chosen = selection?.kind === "zone" ? selection.id : null;
+    const own = zones.filter((zone) => !isGiven(zone));
+    const given = zones.filter(isGiven);
     const meters = { coordinateSystem: COORDINATE_SYSTEM.CARTESIAN } as const;
     const sheet = layers.base ? this.surroundings.sheet : null;
     const drawn: (Layer | null)[] = [
@@ -388,7 +413,8 @@ export class MapView {
       new SimpleMeshLayer({ ...meters, id: "ground", data: [0], mesh: ground.mesh as never, texture: this.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 8 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
       new SimpleMeshLayer({ ...meters, id: "skirt", data: [0], mesh: ground.skirt as never, getPosition: () => [0, 0, 0], getColor: [...palette.skirt, 255], material: false, parameters: { cullMode: "none" }, updateTriggers: { getColor: state.theme } }),
       layers.footprints ? this.paths("footprints", drones.filter((one) => one.footprint.length > 2), (one) => draped(one.footprint, ground.shown, ABOVE_GROUND_M), (one) => [...droneColour(palette, names, one.drone), standingOf(one) === "ok" ? 210 : 110], () => 1.5) : null,
-      this.paths("zones", lines, (line) => line.path, (line) => [...line.colour, 255], (line) => line.width),
+      this.zoneLayer("own", own, ground.shown, chosen),
+      this.zoneLayer("given", given, ground.shown, chosen),
       ...(layers.walls ? this.wallLayers(zones, ground.shown) : []),
       ...(layers.tracks ? this.droneLayers(drones, ground.shown, names) : []),
       this.drawingLayer(state, ground.shown),
@@ -413,7 +439,14 @@ export class MapView {
     });
   }
 
-  private zoneLines(zone: Zone, heights: Heights, chosen: boolean): { path: Place[]; colour: Rgb; width: number }[] {
+  /** Outlines; those of others, which may be thousands and stay as they are, apart from those that change. */
+  private zoneLayer(name: "own" | "given", zones: readonly Zone[], heights: Heights, chosen: string | null): Layer {
+    const which = zones.some(({ id }) => id === chosen) ? chosen : null;
+    const lines = this.lines[name].of([heights, this.palette, which, ...zones], () => zones.flatMap((zone) => this.zoneLines(zone, heights, zone.id === which)));
+    return this.paths(`zones-${name}`, lines, (line) => line.path, (line) => [...line.colour, 255], (line) => line.width);
+  }
+
+  private zoneLines(zone: Zone, heights: Heights, chosen: boolean): ZoneLine[] {
     const line = (outline: Outline, colour: Rgb, width: number, above_m: number) =>
       outline.flat().map((ring) => ({ path: draped(ring, heights, above_m), colour, width }));
     const outer = this.zoneColour(zone, zone.crowd_outline !== null);
@@ -425,9 +458,9 @@ export class MapView {
   }
 
   private wallLayers(zones: readonly Zone[], heights: Heights): Layer[] {
-    const groups: [string, Rgb, Zone[]][] = [
+    const groups: ["crowd" | "other", Rgb, Zone[]][] = [
       ["crowd", this.palette.zone, zones.filter((zone) => zone.kind === "crowd")],
-      ["other", this.palette.operator, zones.filter((zone) => zone.kind === "operator" || zone.kind === "static")],
+      ["other", this.palette.operator, zones.filter(isGiven)],
     ];
     return groups.flatMap(([name, colour, group]) => {
       const wall = this.wallMesh(name, group, heights);
@@ -448,14 +481,9 @@ export class MapView {
     });
   }
 
-  /** Made again only where outlines changed; they come as new objects with every step. */
-  private wallMesh(name: string, zones: Zone[], heights: Heights): Mesh | null {
-    const known = this.walls.get(name);
-    const same = known && known.zones.length === zones.length && known.zones.every((zone, k) => JSON.stringify(zone.polygon) === JSON.stringify(zones[k].polygon));
-    if (same) return known.mesh;
-    const made = curtainMesh(zones.map((zone) => zone.polygon), heights, this.wall_m);
-    this.walls.set(name, { zones, mesh: made });
-    return made;
+  private wallMesh(name: "crowd" | "other", zones: readonly Zone[], heights: Heights): Mesh | null {
+    const outlines = zones.map(({ polygon }) => polygon);
+    return this.walls[name].of([heights, ...outlines], () => curtainMesh(outlines, heights, this.wall_m));
   }
 
   private get wall_m(): number {

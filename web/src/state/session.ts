@@ -1,7 +1,7 @@
 // What drives the page: the stream while it follows, questions with a stamp while it looks back.
 
 import * as api from "../api/client";
-import type { Alert, Drone, Message, Place, Scene, Step } from "../api/contract";
+import type { Alert, Drone, Message, Place, Scene, Step, Zones } from "../api/contract";
 import { openStream } from "../api/stream";
 import { parseBelief } from "../map/belief";
 import { Heights } from "../map/heights";
@@ -11,6 +11,7 @@ import { keepSettings, readSettings } from "./settings";
 import { store, type Selection, type Time } from "./store";
 import { thinned } from "./thinning";
 import { agedDrones, older_s } from "./time";
+import { unchanged } from "./unchanged";
 
 const BELIEF_EVERY_MS = 500;
 const LONGEST_TRAIL = 2000;
@@ -215,9 +216,15 @@ function lengthenTimeline(step: Step): void {
   store.set({ timeline: { ...timeline, points: thinned([...timeline.points, point]) } });
 }
 
+/** What did not change since the moment shown is not drawn anew. */
+function kept(zones: Zones): Zones {
+  return { ...zones, zones: unchanged(zones.zones, store.state.moment?.zones.zones ?? []) };
+}
+
 function showNewest(): void {
   if (!newest) return;
-  const { stamp_ns, stamp_ms, zones, lag_s, silent_s, closed_m2 } = newest;
+  const { stamp_ns, stamp_ms, lag_s, silent_s, closed_m2 } = newest;
+  const zones = kept(newest.zones);
   const drones = newest.drones.drones.map((drone) => ({ ...drone, trail: trails.get(drone.drone) ?? [] }));
   store.set({ moment: { stamp_ns, stamp_ms, zones, drones, lag_s, silent_s, closed_m2, arrived: newestArrived } });
   if (newest.belief_version !== newestBelief) askBelief();
@@ -288,7 +295,7 @@ export async function showPast(stamp_ns: string): Promise<void> {
       if (store.state.time.following) break;
       const arrived = performance.now();
       store.set({
-        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones, drones, lag_s: null, silent_s: null, closed_m2: closedAt(zones.stamp_ms), arrived },
+        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones: kept(zones), drones, lag_s: null, silent_s: null, closed_m2: closedAt(zones.stamp_ms), arrived },
         belief: parseBelief(belief),
         belief_arrived: arrived,
       });
@@ -413,7 +420,7 @@ export async function zonesChanged(): Promise<void> {
   if (!zones) return;
   if (newest) newest = { ...newest, zones };
   const { moment } = store.state;
-  if (moment) store.set({ moment: { ...moment, zones } });
+  if (moment) store.set({ moment: { ...moment, zones: kept(zones) } });
 }
 
 // ---------------------------------------------------------------- the address

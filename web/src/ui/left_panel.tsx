@@ -11,7 +11,7 @@ import { area, length, probability } from "../text/units";
 import { STATE_MEANING, STATE_WORDS } from "../text/words";
 import { Icon } from "./icons";
 import { map } from "./map_panel";
-import { useNow } from "./now";
+import { useNow, useTold } from "./now";
 import { RampSwatch, StateSwatch } from "./swatch";
 
 export function LeftPanel() {
@@ -45,11 +45,9 @@ function ZoneList() {
 }
 
 function ZoneRow({ zone }: { zone: Zone }) {
-  const now = useNow();
+  const closure = useTold((now) => closureOf(zone, now));
   const units = useStore((state) => state.units);
-  const selection = useStore((state) => state.selection);
-  const closure = closureOf(zone, now);
-  const chosen = selection?.kind === "zone" && selection.id === zone.id;
+  const chosen = useStore(({ selection }) => selection?.kind === "zone" && selection.id === zone.id);
   const open = () => {
     select({ kind: "zone", id: zone.id });
     const bounds = boundsOf(cornersOf(zone.polygon));

@@ -1,6 +1,7 @@
 // The map with what lies over it: labels, tools, what is under the pointer, camera pictures.
 
 import { useEffect, useRef, useState } from "preact/hooks";
+import type { Zone } from "../api/contract";
 import { BeliefIndex, VoxelState, type Reading } from "../map/belief";
 import type { Viewport } from "../map/camera";
 import { crossesItself, middleOf, ringArea } from "../map/geometry";
@@ -15,7 +16,7 @@ import { duration } from "../text/stamp";
 import { area, length, place, probability } from "../text/units";
 import { STATE_WORDS } from "../text/words";
 import { Icon, type IconName } from "./icons";
-import { useNow } from "./now";
+import { useTold } from "./now";
 import { CameraStrip } from "./camera_strip";
 import { askForZone, mayOperate } from "./operator";
 import { Banner } from "./banner";
@@ -122,9 +123,15 @@ function placeLabels(parent: HTMLDivElement | null, viewport: Viewport): void {
   });
 }
 
+/** By zone, of those that have one. */
+function countDownsOf(zones: readonly Zone[], now_ms: number): Record<string, string> {
+  const closures = zones.map((zone) => [zone.id, closureOf(zone, now_ms)] as const);
+  return Object.fromEntries(closures.flatMap(([id, { end, counts }]) => (counts ? [[id, end]] : [])));
+}
+
 function Labels() {
-  const now = useNow();
   const moment = useStore((state) => state.moment);
+  const countDowns = useTold((now) => countDownsOf(moment?.zones.zones ?? [], now));
   const heights = useStore((state) => state.heights);
   const layers = useStore((state) => state.layers);
   const selection = useStore((state) => state.selection);
@@ -139,7 +146,6 @@ function Labels() {
         byWeight(moment.zones.zones).map((zone) => {
           const [east, north] = middleOf(zone.polygon);
           const up = heights.at(east, north);
-          const { end, counts } = closureOf(zone, now);
           const chosen = selection?.kind === "zone" && selection.id === zone.id;
           return (
             <button key={`zone-${zone.id}`} class={`label zone-label kind-${zone.kind} ${chosen ? "chosen" : ""}`} data-place={`${east},${north},${(up === up ? up : 0) + 8}`} onClick={() => select({ kind: "zone", id: zone.id })} hidden>
@@ -147,7 +153,7 @@ function Labels() {
                 {zone.locked && <Icon name="lock" size={11} />}
                 <b>{zone.id}</b>
                 {zone.probability_max !== null && <i>{probability(zone.probability_max)}</i>}
-                {counts && <i class="count-down">{end}</i>}
+                {countDowns[zone.id] && <i class="count-down">{countDowns[zone.id]}</i>}
               </span>
             </button>
           );
