@@ -59,3 +59,80 @@ def test_what_became_of_a_zone_is_told_however_long_it_lasts(
         *[("updated", float(number)) for number in range(26, 31)],
     ]
     assert [event["stamp_ms"] / 1e3 for event in early] == [1.0, 2.0, 3.0, 4.0]
+
+
+def _moment(number: int, *static: Zone) -> Moment:
+    return Moment(number, number * 1_000_000_000, ZoneSet((), 0.5, 0.0, 0, 0.0, static=static), {}, {})
+
+
+def _given(name: str, east: float) -> Zone:
+    return Zone.of_no_look(name, shapely.box(east, 0, east + 2, 3), "static", "given")
+
+
+def test_zones_of_others_are_written_once_and_told_at_every_moment(tmp_path: Path) -> None:
+    """A1 throughout, D1 drawn at the third of six moments and taken back at the fifth."""
+    a1, d1 = _given("A1", 0.0), _given("D1", 7.0)
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    for number, zones in enumerate([(a1,), (a1,), (a1, d1), (a1, d1), (a1,), (a1,)], 1):
+        timeline.add(_moment(number, *zones))
+    store.flush()
+    told = [timeline.at(number * 1_000_000_000) for number in range(1, 7)]
+    histories = {name: timeline.zone_history(name)["points"] for name in ("A1", "D1")}
+    sizes = [
+        size for (size,) in store.rows("SELECT LENGTH(line) + LENGTH(figures) FROM moments ORDER BY number")
+    ]
+    points = timeline.points()
+    store.close()
+    assert [[zone.id for zone in moment.zones.static] for moment in told if moment] == [
+        ["A1"],
+        ["A1"],
+        ["A1", "D1"],
+        ["A1", "D1"],
+        ["A1"],
+        ["A1"],
+    ]
+    assert all(moment and moment.zones.static[0].polygon.equals(a1.polygon) for moment in told)
+    assert told[3] and told[3].figures == {}
+    assert [point["stamp_ms"] for point in histories["A1"]] == [1e3, 2e3, 3e3, 4e3, 5e3, 6e3]
+    assert [point["stamp_ms"] for point in histories["D1"]] == [3e3, 4e3]
+    assert {point["closed_m2"] for point in histories["D1"]} == {6.0}
+    assert all(set(point) == {"stamp_ns", "stamp_ms"} for point in points)
+    assert max(sizes[1], sizes[3], sizes[5]) < 0.75 * min(sizes[0], sizes[2])
+
+
+def test_a_thousand_zones_of_others_add_nothing_to_a_moment_at_which_they_stay(tmp_path: Path) -> None:
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    many = tuple(_given(f"N{k}", 3.0 * k) for k in range(1000))
+    for number in range(1, timeline_module.WHOLE_EVERY + 2):
+        timeline.add(_moment(number, *many))
+    store.flush()
+    sizes = [
+        size for (size,) in store.rows("SELECT LENGTH(line) + LENGTH(figures) FROM moments ORDER BY number")
+    ]
+    last = timeline.at((timeline_module.WHOLE_EVERY + 1) * 1_000_000_000)
+    store.close()
+    assert max(sizes[1:-1]) < 1000 < 20_000 < min(sizes[0], sizes[-1])
+    assert last is not None and [zone.id for zone in last.zones.static] == [zone.id for zone in many]
+
+
+def test_a_zone_of_others_whose_moment_found_no_room_on_the_disk_is_not_lost(tmp_path: Path) -> None:
+    """Moment 2 is not written; 3 was on its way already when the service heard of it, and says so."""
+    a1, d1 = _given("A1", 0.0), _given("D1", 7.0)
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    timeline.add(_moment(1, a1))
+    note = store.note
+    store.note = lambda write, size=0: None  # type: ignore[method-assign]
+    timeline.add(_moment(2, a1, d1))
+    store.note = note  # type: ignore[method-assign]
+    timeline.add(_moment(3, a1, d1))
+    timeline.begin_whole()
+    timeline.add(_moment(4, a1, d1))
+    store.flush()
+    told = timeline.at(4_000_000_000)
+    with pytest.raises(LookupError, match="moment 2 with the zones of others of moment 3 is lost"):
+        timeline.at(3_000_000_000)
+    store.close()
+    assert told is not None and [zone.id for zone in told.zones.static] == ["A1", "D1"]

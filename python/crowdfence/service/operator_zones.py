@@ -57,10 +57,15 @@ class OperatorAction:
     restriction: Restriction = "prohibited"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _Lock:
     zone: Zone
     action: OperatorAction
+
+    @cached_property
+    def held(self) -> Zone:
+        """What stays closed where the service opened the zone; one object, as it stays the same."""
+        return replace(self.zone, kind="static", reason="given", crowd_outline=None, valid_until_ns=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,9 +163,7 @@ class OperatorZones:
         for name, lock in self._locked.items():
             marks[name] = {"locked": True, "operator": _who(lock.action)}
             if name not in alive:
-                given.append(
-                    replace(lock.zone, kind="static", reason="given", crowd_outline=None, valid_until_ns=None)
-                )
+                given.append(lock.held)
                 marks[name]["kind"] = "operator"
         for name, (zone, action) in self._added.items():
             given.append(zone)

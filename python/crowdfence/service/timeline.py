@@ -6,14 +6,14 @@ import json
 import sqlite3
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 from crowdfence.service.stamps import moment_json
 from crowdfence.service.store import Store
 from crowdfence.service.zone_json import Marks
 from crowdfence.zones import Zone, ZoneSet
-from crowdfence.zones.history import history_line, zone_set_of_line
+from crowdfence.zones.history import are_same, history_line, zone_set_of_line
 from crowdfence.zones.tracker import EventKind
 
 WHOLE_EVERY = 50
@@ -36,11 +36,15 @@ class Moment:
 
 
 class Timeline:
-    """Moments by stamp. Outlines are written when they changed, all of them every `WHOLE_EVERY` moments."""
+    """Moments by stamp. Outlines, and zones of others, which may be thousands, are written when they changed,
+    all of them every `WHOLE_EVERY` moments."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
         self._before: dict[str, Zone] = {}
+        self._static: tuple[Zone, ...] = ()
+        self._static_number = 0
+        """Of the moment that tells the zones of others."""
         self._since_whole = WHOLE_EVERY
         self._belief_ns: int | None = None
 
@@ -48,15 +52,21 @@ class Timeline:
         """Of a number that is there already (after a restart), the newer one counts."""
         whole = self._since_whole >= WHOLE_EVERY
         self._since_whole = 1 if whole else self._since_whole + 1
-        line = history_line(moment.stamp_ns, moment.zones, {} if whole else self._before)
-        self._before = {zone.id: zone for zone in moment.zones.closed}
+        zones = moment.zones
+        same = not whole and are_same(zones.static, self._static)
+        told = replace(zones, static=()) if same else zones
+        line = history_line(moment.stamp_ns, told, {} if whole else self._before)
         figures = {
             **moment.figures,
-            "of": {
-                zone.id: [_plain(zone.probability_max), zone.polygon.area] for zone in moment.zones.closed
-            },
+            "of": {zone.id: [_plain(zone.probability_max), zone.polygon.area] for zone in told.closed},
             "events": line["events"],
         }
+        if same:
+            del line["static"]
+            figures["static"] = self._static_number
+        else:
+            self._static, self._static_number = zones.static, moment.number
+        self._before = {zone.id: zone for zone in zones.closed}
         body = zlib.compress(_json(line).encode(), 1)
         row = (moment.number, moment.stamp_ns, whole, body, _json(moment.marks), _json(figures))
         self._store.note(
@@ -80,19 +90,26 @@ class Timeline:
             return None
         ((number,),) = rows
         rows = self._store.rows(
-            "SELECT stamp_ns, line, marks, figures FROM moments WHERE number <= ? AND number >= "
+            "SELECT number, stamp_ns, line, marks, figures FROM moments WHERE number <= ? AND number >= "
             "(SELECT MAX(number) FROM moments WHERE whole AND number <= ?) ORDER BY number",
             (number, number),
         )
         before: dict[str, Zone] = {}
-        zones = None
-        for _, line, _, _ in rows:
-            zones = zone_set_of_line(json.loads(zlib.decompress(line)), before)
+        zones: ZoneSet | None = None
+        told_static = 0
+        for at_number, _, line, _, _ in rows:
+            instant = json.loads(zlib.decompress(line))
+            if "static" in instant:
+                told_static = at_number
+            zones = _zones_of(instant, before, zones)
             before = {zone.id: zone for zone in zones.closed}
         if zones is None:
             return None
-        then_ns, _, marks, figures = rows[-1]
+        _, then_ns, _, marks, figures = rows[-1]
         told = json.loads(figures)
+        # The disk was full then: what it would have told is not taken for what was closed before.
+        if told.get("static", told_static) != told_static:
+            raise LookupError(f"moment {told['static']} with the zones of others of moment {number} is lost")
         return Moment(number, then_ns, zones, json.loads(marks), {k: told[k] for k in told if k not in _OWN})
 
     def points(self) -> list[dict[str, Any]]:
@@ -106,9 +123,15 @@ class Timeline:
         """How a zone's probability and area went, and what became of it: of its changes the newest
         `MOST_POINTS`, and all else that happened to it."""
         points = []
+        static: dict[int, dict[str, Any]] = {}
         for stamp_ns, figures in self._figures(until_ns):
-            if zone in figures["of"]:
-                probability, closed_m2 = figures["of"][zone]
+            of = figures["of"]
+            if zone not in of and (number := figures.get("static")) is not None:
+                if number not in static:
+                    static = {number: self._told_of(number)}  # of many moments in a row
+                of = static[number]
+            if zone in of:
+                probability, closed_m2 = of[zone]
                 points.append(
                     {**moment_json("stamp", stamp_ns), "probability_max": probability, "closed_m2": closed_m2}
                 )
@@ -118,6 +141,14 @@ class Timeline:
             *self._events(zone, until_ns, lambda kind: kind == "updated", "1"),
         ]
         return {"points": points, "events": sorted(events, key=lambda event: int(event["stamp_ns"]))}
+
+    def _told_of(self, number: int) -> dict[str, Any]:
+        """What the figures of a moment say of its zones."""
+        rows = self._store.rows(
+            "SELECT json_extract(figures, '$.of') FROM moments WHERE number = ?", (number,)
+        )
+        told: dict[str, Any] = json.loads(rows[0][0]) if rows else {}
+        return told
 
     def _events(
         self, zone: str, until_ns: int | None, is_wanted: Callable[[str], bool], condition: str
@@ -175,9 +206,16 @@ _LASTING = " OR ".join(
     f'figures LIKE \'%"kind":"{kind}"%\'' for kind in get_args(EventKind) if kind != "updated"
 )
 """In SQL: moments at which more became of a zone than that it changed."""
-_OWN = ("of", "events")
+_OWN = ("of", "events", "static")
 _WITHOUT_OWN = f"json_remove(figures, {', '.join(repr(f'$.{name}') for name in _OWN)})"
 """In SQL: with many zones nearly all of a row is theirs, and it would be read here to be left out."""
+
+
+def _zones_of(line: dict[str, Any], before: dict[str, Zone], last: ZoneSet | None) -> ZoneSet:
+    """The zones of a line; those of others are those of the `last` moment where it does not tell them."""
+    if "static" in line or last is None:
+        return zone_set_of_line(line, before)
+    return replace(zone_set_of_line({**line, "static": []}, before), static=last.static)
 
 
 def _until(stamp_ns: int | None) -> int:

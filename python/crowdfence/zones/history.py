@@ -99,7 +99,7 @@ class ZoneHistory:
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
             file.write(_json_line(header))
             for stamp_ns, zones in zip(self.stamps_ns, self.sets, strict=True):
-                same = last is not None and _are_same(zones.static, last.static)
+                same = last is not None and are_same(zones.static, last.static)
                 line = history_line(stamp_ns, replace(zones, static=()) if same else zones, before)
                 if same:
                     del line["static"]
@@ -166,7 +166,7 @@ class ZoneHistory:
                 ) from error
 
 
-def _are_same(zones: Sequence[Zone], others: Sequence[Zone]) -> bool:
+def are_same(zones: Sequence[Zone], others: Sequence[Zone]) -> bool:
     """Nobody changes zones: what stayed as it was is the same object."""
     return len(zones) == len(others) and all(one is other for one, other in zip(zones, others, strict=True))
 
