@@ -393,13 +393,13 @@ def test_thousands_of_zones_of_others_are_put_together_once(monkeypatch: pytest.
         for number in range(3000)
     )
     given: list[int] = []
-    together = shapely.union_all
+    together = shapely.disjoint_subset_union_all
 
     def counted(outlines: list[shapely.Polygon]) -> shapely.Geometry:
         given.append(len(outlines))
         return together(outlines)
 
-    monkeypatch.setattr(shapely, "union_all", counted)
+    monkeypatch.setattr(shapely, "disjoint_subset_union_all", counted)
     for east in range(3):  # crowd 1 m beside a zone, over one, and over two
         crowd = Zone.of_no_look("Z1", shapely.box(2 + east, 0, 3 + east, 2), "static", "given")
         step = ZoneSet((crowd,), 0.5, 0.0, 0, 0.0, static=(*theirs,))
@@ -921,3 +921,18 @@ def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: f
         expected = np.flatnonzero((crowd_map.probability(step_ns) >= threshold) & crowd_map.seen())
         np.testing.assert_array_equal(engine.crowd_voxel_ids, expected)
     assume(ever)
+
+
+def test_zones_of_others_that_overlap_touch_or_stand_apart_are_closed_once() -> None:
+    """Two that overlap, two that touch, one in two parts, one far away; crowd and unseen ground over some."""
+    two_parts = shapely.MultiPolygon([shapely.box(40, 0, 43, 3), shapely.box(46, 0, 49, 3)])
+    outlines = [shapely.box(0, 0, 10, 10), shapely.box(5, 5, 15, 15), shapely.box(20, 0, 25, 5)]
+    outlines += [shapely.box(25, 0, 30, 5), two_parts, shapely.box(1e5, 1e5, 2e5, 2e5)]
+    theirs = tuple(Zone.of_no_look(f"S{k}", one, "static", "given") for k, one in enumerate(outlines))
+    crowd = Zone.of_no_look("Z1", shapely.box(14, 2, 22, 8), "crowd", "seen")
+    unseen = Zone.of_no_look("UNSEEN", shapely.box(42, -5, 60, 5), "unseen", "never_seen")
+    step = ZoneSet((crowd,), 0.5, 0.0, 0, 0.0, unseen=(unseen,), static=theirs)
+    # 12 of the 18 of the two parts lie on unseen ground, which has 180; of 48 of crowd 3 and 6 are theirs.
+    assert step.closed_m2 == pytest.approx(1e10 + 175.0 + 50.0 + 18.0 - 3.0 - 9.0 + 180.0 + 48.0 - 3.0 - 6.0)
+    together = shapely.union_all([zone.polygon for zone in step.closed])
+    assert step.closed_m2 - 1e10 == pytest.approx(together.area - 1e10, abs=1e-4)

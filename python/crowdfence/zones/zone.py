@@ -186,12 +186,14 @@ class ZoneSet(Sequence[Zone]):
                 return drawn
             return shapely.difference(drawn, shapely.intersection(other, shapely.box(*drawn.bounds)))
 
-        static = _together(tuple(zone.polygon for zone in self.static))
-        crowd = beyond(shapely.union_all([zone.polygon for zone in self.zones]), static)
+        given = _Together.of(tuple(zone.polygon for zone in self.static))
+        crowd = shapely.union_all([zone.polygon for zone in self.zones])
+        crowd = beyond(crowd, given.near(crowd))
         # One zone as a rule.
         outlines = [zone.polygon for zone in self.unseen]
         unseen = outlines[0] if len(outlines) == 1 else shapely.union_all(outlines)
-        return float(unseen.area + beyond(static, unseen).area + beyond(crowd, unseen).area)
+        twice_m2 = shapely.intersection(unseen, given.near(unseen)).area
+        return float(unseen.area + given.area_m2 - twice_m2 + beyond(crowd, unseen).area)
 
     @property
     def area_m2(self) -> float:
@@ -199,12 +201,27 @@ class ZoneSet(Sequence[Zone]):
         return sum(zone.area_m2 for zone in self.zones)
 
 
-@lru_cache(maxsize=4)
-def _together(outlines: tuple[Polygon | MultiPolygon, ...]) -> BaseGeometry:
-    """Zones of others may be thousands, and are the same at every instant."""
-    import shapely
+class _Together:
+    """The ground of zones of others, which may be thousands, and are the same at every instant."""
 
-    return shapely.union_all(list(outlines))
+    def __init__(self, outlines: Sequence[Polygon | MultiPolygon]) -> None:
+        import shapely
+
+        # Those that touch no other are not joined: all at once takes seconds.
+        self._parts = shapely.get_parts(shapely.disjoint_subset_union_all(list(outlines)))
+        self._tree = shapely.STRtree(self._parts)
+        self.area_m2 = float(shapely.area(self._parts).sum())
+
+    @staticmethod
+    @lru_cache(maxsize=4)
+    def of(outlines: tuple[Polygon | MultiPolygon, ...]) -> _Together:
+        return _Together(outlines)
+
+    def near(self, drawn: BaseGeometry) -> MultiPolygon:
+        """Its parts whose bounds meet those of what is drawn."""
+        import shapely
+
+        return shapely.MultiPolygon(list(self._parts[self._tree.query(drawn)]))
 
 
 def closed_of(zones: Sequence[Zone]) -> tuple[Zone, ...]:
