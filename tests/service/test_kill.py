@@ -70,7 +70,7 @@ def told(service: Service) -> tuple[bytes, bytes, list[dict]]:
         service.mission.timeline.at(stamp_ns)
         for (stamp_ns,) in service.store.rows("SELECT stamp_ns FROM moments ORDER BY number")
     ]
-    lines = [history_line(one.stamp_ns, one.zones, {}) for one in moments if one is not None]
+    lines = [history_line(one.stamp_ns, one.zones) for one in moments if one is not None]
     return service.mission.loop.crowd_map.to_bytes(), service.live.applying.to_bytes(), lines
 
 

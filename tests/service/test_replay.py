@@ -27,7 +27,7 @@ def lines(service: Service, stamps_ns: list[int]) -> list[dict[str, object]]:
     """The zones at every stamp, out of the service's history, every digit."""
     service.store.flush()
     moments = [service.mission.timeline.at(stamp_ns) for stamp_ns in stamps_ns]
-    return [history_line(one.stamp_ns, one.zones, {}) for one in moments if one is not None]
+    return [history_line(one.stamp_ns, one.zones) for one in moments if one is not None]
 
 
 def test_a_replay_gives_the_map_and_the_zones_of_a_run() -> None:
@@ -40,7 +40,7 @@ def test_a_replay_gives_the_map_and_the_zones_of_a_run() -> None:
         stamps_ns = list(expected.history.stamps_ns)
         told = lines(service, stamps_ns)
     assert told == [
-        history_line(stamp_ns, zones, {})
+        history_line(stamp_ns, zones)
         for stamp_ns, zones in zip(stamps_ns, expected.history.sets, strict=True)
     ]
 
@@ -66,7 +66,7 @@ def test_live_views_in_any_order_within_the_delay_give_the_map_and_the_zones_of_
         assert service.mission.loop.crowd_map.to_bytes() == expected.crowd_map.to_bytes()
         told = lines(service, list(expected.history.stamps_ns))
     assert told == [
-        history_line(stamp_ns, zones, {})
+        history_line(stamp_ns, zones)
         for stamp_ns, zones in zip(expected.history.stamps_ns, expected.history.sets, strict=True)
     ]
 
@@ -99,4 +99,4 @@ def test_observations_of_companions_and_views_mix_to_the_bit(tmp_path: Path) -> 
         assert service.mission.loop.crowd_map.to_bytes() == expected.crowd_map.to_bytes()
         newest = service.mission.newest
     assert newest is not None
-    assert history_line(0, newest.zones, {}) == history_line(0, expected.zones, {})
+    assert history_line(0, newest.zones) == history_line(0, expected.zones)

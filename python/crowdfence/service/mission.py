@@ -197,7 +197,7 @@ class Mission:
         told = {
             "number": 0 if newest is None else newest.number,
             "stamp_ns": 0 if newest is None else newest.stamp_ns,
-            "found": history_line(0, self.found, {}),
+            "found": history_line(0, self.found),
             "operator_zones": self.operator_zones.to_json(),
             "left_out": self.left_out.to_json(),
             "still_video": self.still_video.to_json(),
@@ -211,7 +211,7 @@ class Mission:
         loop = FrameLoop(CrowdMap.from_bytes(crowd_map, self.terrain), self.config.zones, self._static)
         loop.restore(of_loop)
         state = json.loads(told)
-        kept = zone_set_of_line(state["found"], {})
+        kept = zone_set_of_line(state["found"])
         found = replace(kept, static=self._static)
         operator_zones = self._no_operator_zones()
         operator_zones.restore(state["operator_zones"])

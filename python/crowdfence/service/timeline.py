@@ -12,8 +12,8 @@ from typing import Any, get_args
 from crowdfence.service.stamps import moment_json
 from crowdfence.service.store import Store
 from crowdfence.service.zone_json import Marks
-from crowdfence.zones import Zone, ZoneSet
-from crowdfence.zones.history import are_same, history_line, zone_set_of_line
+from crowdfence.zones import ZoneSet
+from crowdfence.zones.history import history_line, zone_set_of_line
 from crowdfence.zones.tracker import EventKind
 
 WHOLE_EVERY = 50
@@ -41,8 +41,7 @@ class Timeline:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._before: dict[str, Zone] = {}
-        self._static: tuple[Zone, ...] = ()
+        self._before: ZoneSet | None = None
         self._static_number = 0
         """Of the moment that tells the zones of others."""
         self._since_whole = WHOLE_EVERY
@@ -53,20 +52,19 @@ class Timeline:
         whole = self._since_whole >= WHOLE_EVERY
         self._since_whole = 1 if whole else self._since_whole + 1
         zones = moment.zones
-        same = not whole and are_same(zones.static, self._static)
+        line = history_line(moment.stamp_ns, zones, None if whole else self._before)
+        same = "static" not in line
         told = replace(zones, static=()) if same else zones
-        line = history_line(moment.stamp_ns, told, {} if whole else self._before)
         figures = {
             **moment.figures,
             "of": {zone.id: [_plain(zone.probability_max), zone.polygon.area] for zone in told.closed},
             "events": line["events"],
         }
         if same:
-            del line["static"]
             figures["static"] = self._static_number
         else:
-            self._static, self._static_number = zones.static, moment.number
-        self._before = {zone.id: zone for zone in zones.closed}
+            self._static_number = moment.number
+        self._before = zones
         body = zlib.compress(_json(line).encode(), 1)
         row = (moment.number, moment.stamp_ns, whole, body, _json(moment.marks), _json(figures))
         self._store.note(
@@ -94,15 +92,13 @@ class Timeline:
             "(SELECT MAX(number) FROM moments WHERE whole AND number <= ?) ORDER BY number",
             (number, number),
         )
-        before: dict[str, Zone] = {}
         zones: ZoneSet | None = None
         told_static = 0
         for at_number, _, line, _, _ in rows:
             instant = json.loads(zlib.decompress(line))
             if "static" in instant:
                 told_static = at_number
-            zones = _zones_of(instant, before, zones)
-            before = {zone.id: zone for zone in zones.closed}
+            zones = zone_set_of_line(instant, zones)
         if zones is None:
             return None
         _, then_ns, _, marks, figures = rows[-1]
@@ -209,13 +205,6 @@ _LASTING = " OR ".join(
 _OWN = ("of", "events", "static")
 _WITHOUT_OWN = f"json_remove(figures, {', '.join(repr(f'$.{name}') for name in _OWN)})"
 """In SQL: with many zones nearly all of a row is theirs, and it would be read here to be left out."""
-
-
-def _zones_of(line: dict[str, Any], before: dict[str, Zone], last: ZoneSet | None) -> ZoneSet:
-    """The zones of a line; those of others are those of the `last` moment where it does not tell them."""
-    if "static" in line or last is None:
-        return zone_set_of_line(line, before)
-    return replace(zone_set_of_line({**line, "static": []}, before), static=last.static)
 
 
 def _until(stamp_ns: int | None) -> int:

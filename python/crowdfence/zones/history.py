@@ -93,18 +93,13 @@ class ZoneHistory:
             **self.description,
             "instants": len(self),
         }
-        before: dict[str, Zone] = {}
-        last: ZoneSet | None = None
+        before: ZoneSet | None = None
         # Line by line: all of them at once take gigabytes after an hour over hundreds of zones.
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
             file.write(_json_line(header))
             for stamp_ns, zones in zip(self.stamps_ns, self.sets, strict=True):
-                same = last is not None and are_same(zones.static, last.static)
-                line = history_line(stamp_ns, replace(zones, static=()) if same else zones, before)
-                if same:
-                    del line["static"]
-                file.write(_json_line(line))
-                before, last = {zone.id: zone for zone in zones.closed}, zones
+                file.write(_json_line(history_line(stamp_ns, zones, before)))
+                before = zones
 
     @staticmethod
     def read(path: str | PathLike[str]) -> ZoneHistory:
@@ -123,16 +118,13 @@ class ZoneHistory:
                 anchor = header["anchor_wgs84"]
                 stamps_ns: list[int] = []
                 sets: list[ZoneSet] = []
-                before: dict[str, Zone] = {}
                 for number, text in enumerate(file, 2):  # noqa: B007 - told where it fails
                     if not text.endswith("\n"):
                         raise _cut(path, stamps_ns, header.get("instants"))
                     line = json.loads(text)
-                    as_before = header["version"] > 1 and sets and "static" not in line
-                    zones = zone_set_of_line({**line, "static": []} if as_before else line, before)
-                    if as_before:
-                        zones = replace(zones, static=sets[-1].static)
-                    before = {zone.id: zone for zone in zones.closed}
+                    if header["version"] == 1 and "static" not in line:
+                        raise KeyError("static")
+                    zones = zone_set_of_line(line, sets[-1] if sets else None)
                     stamps_ns.append(int(line["stamp_ns"]))
                     if stamps_ns[-2:] != sorted(set(stamps_ns[-2:])):
                         raise ValueError("its instant is not after the one before")
@@ -166,7 +158,7 @@ class ZoneHistory:
                 ) from error
 
 
-def are_same(zones: Sequence[Zone], others: Sequence[Zone]) -> bool:
+def _are_same(zones: Sequence[Zone], others: Sequence[Zone]) -> bool:
     """Nobody changes zones: what stayed as it was is the same object."""
     return len(zones) == len(others) and all(one is other for one, other in zip(zones, others, strict=True))
 
@@ -197,8 +189,11 @@ def _cut(path: str | PathLike[str], stamps_ns: Sequence[int], instants: int | No
     )
 
 
-def history_line(stamp_ns: int, zones: ZoneSet, before: Mapping[str, Zone]) -> dict[str, Any]:
-    """An instant for JSON; outlines that zones of the same id had `before` are left out."""
+def history_line(stamp_ns: int, zones: ZoneSet, before: ZoneSet | None = None) -> dict[str, Any]:
+    """An instant for JSON; outlines that zones of the same id had `before` are left out, and zones of others
+    where all are those of before: "static" is not there then."""
+    known = _by_id(before)
+    groups = [group for group in _GROUPS if group != "static" or not _has_static_of(zones, before)]
     return {
         "stamp_ns": stamp_ns,
         "stamp_utc": iso_utc(stamp_ns),
@@ -207,14 +202,22 @@ def history_line(stamp_ns: int, zones: ZoneSet, before: Mapping[str, Zone]) -> d
         "dropped_count": zones.dropped_count,
         "dropped_area_m2": zones.dropped_area_m2,
         **{
-            group: [zone_record(zone, before.get(zone.id)) for zone in getattr(zones, group)]
-            for group in _GROUPS
+            group: [zone_record(zone, known.get(zone.id)) for zone in getattr(zones, group)]
+            for group in groups
         },
         "events": [
             {name: value for name, value in asdict(event).items() if name != "stamp_ns" and value is not None}
             for event in zones.events
         ],
     }
+
+
+def _by_id(zones: ZoneSet | None) -> dict[str, Zone]:
+    return {} if zones is None else {zone.id: zone for zone in zones.closed}
+
+
+def _has_static_of(zones: ZoneSet, before: ZoneSet | None) -> bool:
+    return before is not None and _are_same(zones.static, before.static)
 
 
 def zone_record(zone: Zone, before: Zone | None = None) -> dict[str, Any]:
@@ -238,10 +241,16 @@ def zone_record(zone: Zone, before: Zone | None = None) -> dict[str, Any]:
     return record
 
 
-def zone_set_of_line(line: Mapping[str, Any], before: Mapping[str, Zone]) -> ZoneSet:
+def zone_set_of_line(line: Mapping[str, Any], before: ZoneSet | None = None) -> ZoneSet:
     """The other way, with the same zones `before`."""
     stamp_ns = int(line["stamp_ns"])
-    groups = {group: tuple(zone_of_record(record, before) for record in line[group]) for group in _GROUPS}
+    known = _by_id(before)
+    groups = {
+        group: before.static
+        if group == "static" and group not in line and before is not None
+        else tuple(zone_of_record(record, known) for record in line[group])
+        for group in _GROUPS
+    }
     return ZoneSet(
         threshold=line["threshold"],
         min_area_m2=line["min_area_m2"],
