@@ -165,12 +165,8 @@ def _covered(
     sides_m = np.linalg.norm((around[1:] - around[0])[:, :2], axis=1)
     cover = PointCover(np.divide(sides_m, steps, out=np.ones(2), where=steps > 0), near=low[:2])
     with _reader(path, Fields.XY_RETURNS_CHANNEL | Fields.CLASSIFICATION | Fields.FLAGS) as reader:
-        chunks = reader.chunk_iterator(_CHUNK_POINTS)
-        while True:
+        for chunk in _read(path, reader):
             with _damage(path):
-                chunk = next(chunks, None)
-                if chunk is None:
-                    break
                 usable = _usable(chunk)
                 cover.add(np.asarray(chunk.x, np.float64)[usable], np.asarray(chunk.y, np.float64)[usable])
     if cover.points == 0:
@@ -338,15 +334,22 @@ def _usable(chunk: Any) -> NDArray[np.bool_]:
     return ~(np.isin(np.asarray(chunk.classification), NOISE) | np.asarray(chunk.withheld, bool))
 
 
-def _chunks(path: Path, reader: Any, frame: SourceFrame, kinds: Counter[int]) -> Chunks:
-    """The usable points, counted by their class into `kinds`."""
-    count = 0
+def _read(path: Path, reader: Any) -> Iterator[Any]:
+    """All points, some at a time."""
     chunks = reader.chunk_iterator(_CHUNK_POINTS)
     while True:
         with _damage(path):
             chunk = next(chunks, None)
-            if chunk is None:
-                break
+        if chunk is None:
+            return
+        yield chunk
+
+
+def _chunks(path: Path, reader: Any, frame: SourceFrame, kinds: Counter[int]) -> Chunks:
+    """The usable points, counted by their class into `kinds`."""
+    count = 0
+    for chunk in _read(path, reader):
+        with _damage(path):
             x, y, z = (np.asarray(values, np.float64) for values in (chunk.x, chunk.y, chunk.z))
             kind, usable = np.asarray(chunk.classification), _usable(chunk)
         kinds.update(dict(enumerate(np.bincount(kind[usable]).tolist())))
