@@ -41,16 +41,17 @@ def plain_obj(path: Path, data: bytes) -> bytes:
     together = b"\n".join(faces)
     with_slash = sum(b"/" in line for line in faces)
     words = {len(line.split()) for line in faces}
-    if (
+    places = _places(lines) if words and max(words) > 4 else np.empty((0, 3))
+    is_plain = not (
         b"-" in together
         or b" 0" in together
         or with_slash not in (0, len(faces))  # the parser goes by the count of numbers in a line
         or not words <= {4, 5}
-    ):
-        _make_plain(path, lines)
-    elif not (5 in words and _turn_quads(lines)) and not unlike:
-        return data
-    return b"\n".join(lines)
+    )
+    if not is_plain:
+        _make_plain(path, lines, places)
+    turned = 5 in words and _turn_quads(lines, places)
+    return data if is_plain and not turned and not unlike else b"\n".join(lines)
 
 
 def _unindented(line: bytes) -> bytes:
@@ -72,9 +73,10 @@ def _joined(lines: list[bytes]) -> list[bytes]:
     return result
 
 
-def _make_plain(path: Path, lines: list[bytes]) -> None:
-    """Faces as "f 1 2 3": absolute indices of vertices without those of textures and normals, in place."""
-    places, vertices = _places(lines), 0
+def _make_plain(path: Path, lines: list[bytes], places: NDArray[np.float64]) -> None:
+    """Faces as "f 1 2 3": absolute indices of vertices without those of textures and normals, in place, and
+    triangles for those of five corners and more."""
+    vertices = 0
     for number, line in enumerate(lines, start=1):
         if line.startswith(b"v "):
             vertices += 1
@@ -95,12 +97,11 @@ def _make_plain(path: Path, lines: list[bytes]) -> None:
             lines[number - 1] = b"\n".join(b"f %s" % " ".join(map(str, face)).encode() for face in faces)
 
 
-def _turn_quads(lines: list[bytes]) -> bool:
+def _turn_quads(lines: list[bytes], places: NDArray[np.float64]) -> bool:
     """Whether a face of four corners had to begin with another one, in place, for a fan to cover it."""
     numbers = [
         number for number, line in enumerate(lines) if line.startswith(b"f ") and len(line.split()) == 5
     ]
-    places = _places(lines)
     corners = _TEXTURE_AND_NORMAL.sub(b"", b" ".join(lines[number][2:] for number in numbers))
     try:
         quads = np.array(list(map(int, corners.split())), np.int64).reshape(-1, 4)
@@ -128,7 +129,7 @@ def _places(lines: list[bytes]) -> NDArray[np.float64]:
 
 
 def _cut(indices: list[int], places: NDArray[np.float64]) -> list[list[int]]:
-    if len(indices) == 3 or max(indices) > len(places):
+    if len(indices) <= 4 or max(indices) > len(places):
         return [indices]
     corners = places[np.array(indices) - 1]
     if not np.isfinite(corners).all():
