@@ -7,6 +7,7 @@ a terminal obeys, makes a line say what was never meant.
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Sequence
 
 _KINDS = ("Cc", "Cf", "Cs", "Zl", "Zp")
 """Unicode categories: control, format (zero width, directions), lone surrogates, separators of lines."""
@@ -29,6 +30,12 @@ def legible(text: str) -> str:
 def shown(text: str) -> str:
     """With such characters told by their number; lines stay."""
     return "".join(f"<{_told(c)}>" if _is_unreadable(c) and c not in "\n\t" else c for c in text)
+
+
+def first_of(names: Sequence[str], most: int) -> str:
+    """Names for a sentence: of many the first, and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def table_cell(text: str) -> str:

@@ -15,6 +15,7 @@ from crowdfence.cli import console, options
 from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.unused_options import refuse_of
 from crowdfence.cli.wording import counted
+from crowdfence.legible import first_of
 from crowdfence.zones.square_metres import square_metres
 
 if TYPE_CHECKING:
@@ -265,11 +266,6 @@ def _read_plan(path: Path) -> dict[str, Any]:
     return plan
 
 
-def _first_of(names: list[str]) -> str:
-    more = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
-
-
 def _report(report: dict[str, Any], as_json: bool) -> None:
     from crowdfence.iso_time import iso_utc
 
@@ -302,7 +298,7 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         dropped = square_metres(report["dropped_area_m2"])
         console.warn(f"{dropped} of crowd are in no zone: below min_area_m2 of the run")
     if report.get("beyond_raster"):
-        names = _first_of(report["beyond_raster"])
+        names = first_of(report["beyond_raster"], _MOST_NAMED)
         console.warn(f"the raster ends near what was seen; not all of {names} lies within it")
     for reason in report["left_out"]:
         console.warn(reason)

@@ -11,6 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.legible import first_of
+
 Polygon = NDArray[np.float64]
 """Corners [K, 2] in pixels, K >= 3."""
 Role = Literal["person", "crowd", "ignore"]
@@ -68,9 +70,8 @@ def left_out_classes(pictures: Iterable[AnnotatedPicture]) -> tuple[dict[str, in
     counts = dict(Counter(name for picture in pictures for name in picture.left_out).most_common())
     if not counts:
         return counts, ""
-    marks, names = sum(counts.values()), ", ".join([*counts][:_NAMED])
-    others = f" and {len(counts) - _NAMED} more" if len(counts) > _NAMED else ""
-    what = f"{marks} mark{'' if marks == 1 else 's'} of classes that mean nothing here: {names}{others}"
+    marks, names = sum(counts.values()), first_of([*counts], _NAMED)
+    what = f"{marks} mark{'' if marks == 1 else 's'} of classes that mean nothing here: {names}"
     return counts, what
 
 

@@ -31,8 +31,8 @@ _RASTERS = (".asc", ".bil", ".dem", ".dt1", ".dt2", ".hgt", ".img", ".vrt")
 """Other kinds of height models, which GDAL reads; some name further files, so they are not opened here."""
 
 _NUMBERS = ("int | None", "float | None", "float")
-_MOST_NAMED = 5
 """How readers declare options that are numbers."""
+_MOST_NAMED = 5
 
 Place = Literal["earth", "local", "unstated"]
 

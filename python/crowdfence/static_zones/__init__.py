@@ -11,7 +11,7 @@ from typing import Any
 
 from crowdfence.errors import one_line
 from crowdfence.georeference import Georeference
-from crowdfence.legible import legible
+from crowdfence.legible import first_of, legible
 from crowdfence.static_zones.given_zone import GivenZone, StaticZones, local_zones
 from crowdfence.static_zones.kml_polygons import kml_zones
 from crowdfence.static_zones.plain_geojson import geojson_zones
@@ -102,5 +102,4 @@ def _together(sentences: Iterable[str]) -> Iterator[str]:
         if len(names) <= MOST_NAMED:
             yield from (f"{name}: {reason}" if name else reason for name in names)
         else:
-            first = ", ".join(names[:MOST_NAMED])
-            yield f"{first} and {len(names) - MOST_NAMED} more: {reason}"
+            yield f"{first_of(names, MOST_NAMED)}: {reason}"
