@@ -760,7 +760,7 @@ def test_the_history_of_thousands_of_zones_stays_within_its_room(tmp_path: Path)
         Zone.of_no_look(f"S{number}", box(number, 0, number + 1, 1), "static", "given")
         for number in range(200)
     ]
-    with running(tmp_path, static_zones=theirs, settings=replace(SETTINGS, keep_media_mb=0.3)) as service:
+    with running(tmp_path, static_zones=theirs, settings=replace(SETTINGS, keep_media_mb=0.06)) as service:
         assert service.live is not None
         for one in views(130):
             service.live.intake.give_view(message(one))
@@ -771,12 +771,13 @@ def test_the_history_of_thousands_of_zones_stays_within_its_room(tmp_path: Path)
             return service.store.rows(sizes)[0]
 
         count, size = kept()
-        assert size > 700_000
+        assert size > 150_000
         Watch(service).tidy()
         service.store.flush()
         fewer, size = kept()
-        # As far as to the one before that has all outlines, which the others are read from.
-        assert 50 <= fewer < count and size <= 300_000 * fewer / (fewer - 49)
+        # The room, and as far as to the one before that has all outlines, which the others are read from:
+        # 50 moments of 1 kB and the 200 outlines of 60 bytes.
+        assert 50 <= fewer < count and size <= 60_000 + 62_000
         newest = service.mission.newest
         assert newest is not None
         assert len(service.mission.timeline.at(newest.stamp_ns).zones.static) == 200
