@@ -104,7 +104,9 @@ def test_who_takes_long_for_a_step_gets_the_newest_next_and_every_alert() -> Non
     def tell(connection: ServerConnection) -> None:
         taken.wait(60.0)
         for number in range(3000):
-            connection.send(json.dumps({"type": "step", "number": number, "zones": "x" * 2000}))
+            connection.send(
+                json.dumps({"type": "step", "number": number, "zones": {"zones": [], "x": "x" * 2000}})
+            )
             if number % 1000 == 0:
                 connection.send(json.dumps({"type": "alert", "number": number}))
         over.wait(60.0)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 import shapely
 
 from crowdfence import surface_grid
-from crowdfence.exports.ros2.topics import BELIEF, CLOSED, ZONES
+from crowdfence.exports.ros2.topics import BELIEF, CLOSED, OTHERS, ZONES
+from crowdfence.service.access import User
 from crowdfence.service.clock import Clock
+from crowdfence.service.ros import publisher
 from crowdfence.service.ros.publisher import RosPublisher
 from crowdfence.sources.mission import ros2_messages
 from crowdfence.zones import Zone
@@ -56,11 +59,38 @@ def test_before_the_first_view_what_others_drew_is_published(tmp_path: Path) -> 
     how: dict[str, Any] = {"clock": clock, "settings": replace(SETTINGS, clock="system")}
     with running(tmp_path, static_zones=[given], **how) as service:
         RosPublisher(service.mission, take)._publish()
-    labels = [marker.text for marker in heard[ZONES].markers if marker.text]
+    labels = [marker.text for marker in heard[OTHERS].markers if marker.text]
     assert len(labels) == 1 and labels[0].startswith("hospital (static)")
-    assert {ros2_messages.time_ns(one.header.stamp) for one in heard[ZONES].markers} == {START_NS}
+    assert {ros2_messages.time_ns(one.header.stamp) for one in heard[OTHERS].markers} == {START_NS}
+    assert not any(marker.text for marker in heard[ZONES].markers)
     assert heard[CLOSED].data.count(100) == 100 and set(heard[CLOSED].data) == {-1, 100}
     assert set(heard[BELIEF].data) == {-1}
+
+
+def test_zones_of_others_are_repeated_for_who_comes_later_and_not_at_every_instant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Thousands of a national file took a second each time; what an operator draws cannot wait."""
+    heard: list[tuple[str, list[str]]] = []
+    now_s = 1000.0
+    monkeypatch.setattr(publisher, "time", SimpleNamespace(monotonic=lambda: now_s))
+
+    def take(topic: str, kind: str, body: bytes) -> None:
+        if topic in (ZONES, OTHERS):
+            markers = ros2_messages.decode(kind, body).markers
+            heard.append((topic, [one.text.split(" ")[0] for one in markers if one.text]))
+
+    given = Zone.of_no_look("hospital", shapely.box(10.0, 10.0, 20.0, 20.0), "static", "given")
+    with running(tmp_path, static_zones=[given]) as service:
+        fleet = RosPublisher(service.mission, take)
+        fleet._publish()
+        corners = [[50.0, 50.0], [55.0, 50.0], [55.0, 55.0], [50.0, 50.0]]
+        name = service.decide(User("ana", "operator"), "add", "", "ambulance", rings=[[corners]])
+        for passed_s in (1.0, 4.9, 5.1):
+            now_s = 1000.0 + passed_s
+            fleet._publish()
+    ours = (ZONES, [name])
+    assert heard == [(ZONES, []), (OTHERS, ["hospital"]), ours, ours, ours, (OTHERS, ["hospital"])]
 
 
 def test_ground_that_nobody_looks_at_is_not_known_to_be_empty_for_ever(tmp_path: Path) -> None:

@@ -4,11 +4,8 @@ import asyncio
 import json
 import socket
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
-from threading import Thread
 
 import pytest
 import uvicorn
@@ -16,27 +13,9 @@ from websockets.sync.client import connect
 
 from crowdfence import Client
 from crowdfence.service import stream
-from crowdfence.service.app import make_app
 from crowdfence.service.server import listen
-from crowdfence.service.service import Service
+from support.on_the_network import on_the_network
 from support.small_service import asked, message, running, settle, views
-
-
-@contextmanager
-def on_the_network(service: Service) -> Iterator[str]:
-    """Its address."""
-    config = uvicorn.Config(make_app(service), port=0, log_config=None, ws_ping_interval=None)
-    server, listening = uvicorn.Server(config), listen(config)
-    thread = Thread(target=server.run, args=([listening],), daemon=True)
-    thread.start()
-    while not server.started:
-        time.sleep(0.01)
-    try:
-        yield f"127.0.0.1:{listening.getsockname()[1]}"
-    finally:
-        server.should_exit = server.force_exit = True
-        thread.join()
-        listening.close()
 
 
 def test_a_listener_hears_who_it_is_then_steps_alerts_and_modes(tmp_path: Path) -> None:
@@ -124,11 +103,11 @@ def test_a_step_made_for_who_comes_later_is_heard_by_who_was_there() -> None:
         hub, first, second = stream.Hub(), Listening(), Listening()
         hub.start()
         tasks = [asyncio.create_task(hub.serve(first, {"hello": 0}))]
-        hub.step(lambda: {"step": 1})
+        hub.step(lambda _: {"step": 1})
         while {"step": 1} not in first.heard:
             await asyncio.sleep(0.001)
         # In the pause between two steps.
-        hub.step(lambda: {"step": 2})
+        hub.step(lambda _: {"step": 2})
         tasks.append(asyncio.create_task(hub.serve(second, {"hello": 0})))
         while {"step": 2} not in second.heard:
             await asyncio.sleep(0.001)
@@ -161,7 +140,7 @@ def test_a_step_that_waited_for_a_slow_listener_has_the_ages_of_its_sending(
         while not slow.heard:
             await asyncio.sleep(0.001)
         age = iter(range(100))
-        hub.step(lambda: {"age": next(age)})
+        hub.step(lambda _: {"age": next(age)})
         await asyncio.sleep(0.2)
         reads.set()
         while len(slow.heard) < 2:
@@ -222,10 +201,10 @@ def test_steps_that_take_long_to_make_leave_time_for_the_drones() -> None:
     async def listened() -> None:
         hub = stream.Hub()
         hub.start()
-        hub._listeners.add(stream._Listener())
+        hub._listeners.add(stream._Listener(with_static=True))
         end_s = time.monotonic() + 2.0
         while time.monotonic() < end_s:
-            hub.step(lambda: make())  # another one every time
+            hub.step(lambda _: make())  # another one every time
             await asyncio.sleep(0.02)
 
     with ThreadPoolExecutor(1) as thread:

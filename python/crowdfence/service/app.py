@@ -16,10 +16,12 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from crowdfence._core import __version__
+from crowdfence.errors import quoted
 from crowdfence.service.guard import Guard, Rate
 from crowdfence.service.routes import alerts, base_map, drones, health, ingest, operator, scene, zones
 from crowdfence.service.routes.asking import cookie_of, user_or_none
 from crowdfence.service.service import Service
+from crowdfence.service.zone_set_json import ANY_VERSION
 
 PAGE = Path(__file__).parent / "page"
 API = "/api/v1"
@@ -65,8 +67,14 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         if user is None:
             await socket.close(code=1008, reason="a token is needed")
             return
+        without = socket.query_params.get("without_static")
+        if without not in (None, ANY_VERSION):
+            await socket.close(
+                code=1008, reason=f"without_static is {quoted(without)}; it can be {ANY_VERSION}"
+            )
+            return
         hello = {"type": "hello", "scene": service.scene_json(user)}
-        await service.hub.serve(socket, hello)
+        await service.hub.serve(socket, hello, with_static=without is None)
 
     app.add_exception_handler(RequestValidationError, _invalid)
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Camera, Observation, View
 from crowdfence.errors import quoted
 from crowdfence.service.belief import ColumnBeliefs
+from crowdfence.service.static_zones_held import StaticZonesHeld
 from crowdfence.service.unread import Unread
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
 
@@ -178,16 +179,24 @@ class Client:
     def stream(self) -> Iterator[dict[str, Any]]:
         """Messages as they come: hello, step, alert, mode, ping; until the service ends. Who takes long for
         one gets the newest step next, and every alert. httpx.TransportError where the line breaks or goes
-        silent: what was heard last may not hold any more."""
+        silent: what was heard last may not hold any more. Every step has all zones, also those of others,
+        which come over the line once."""
         from websockets.sync.client import connect
 
         scheme, host, path, _, _ = urlsplit(self._url)
-        address = urlunsplit(("wss" if scheme == "https" else "ws", host, f"{path}/api/v1/stream", "", ""))
+        address = urlunsplit(
+            ("wss" if scheme == "https" else "ws", host, f"{path}/api/v1/stream", "without_static=*", "")
+        )
         trust = self._trust if scheme == "https" else None
-        unread = Unread()
+        unread, held = Unread(), StaticZonesHeld()
         with connect(address, additional_headers=self._headers, max_size=None, ssl=trust) as socket:
             Thread(target=self._read, args=(socket, unread), name="stream", daemon=True).start()
             while (message := unread.take()) is not None:
+                if message["type"] == "step":
+                    zones = held.whole(message["zones"])
+                    if zones is None:
+                        zones = held.whole(self.zones(int(message["stamp_ns"])))
+                    message["zones"] = zones
                 yield message
 
     def _read(self, socket: ClientConnection, unread: Unread) -> None:

@@ -7,6 +7,7 @@ import secrets
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from hashlib import sha256
 from threading import RLock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -72,6 +73,7 @@ class Mission:
         self.ground = Ground(terrain)
         self.timeline = timeline
         self._static = tuple(static_zones)
+        self._static_digest = _digest(self._static)
         # Views pass the gate, recordings their reader: both judge clocks, and drones may be away for a day.
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
@@ -197,7 +199,8 @@ class Mission:
         told = {
             "number": 0 if newest is None else newest.number,
             "stamp_ns": 0 if newest is None else newest.stamp_ns,
-            "found": history_line(0, self.found),
+            "found": history_line(0, replace(self.found, static=())),
+            "static_digest": self._static_digest,
             "operator_zones": self.operator_zones.to_json(),
             "left_out": self.left_out.to_json(),
             "still_video": self.still_video.to_json(),
@@ -224,7 +227,9 @@ class Mission:
         self.still_video, self.left_out = still_video, left_out
         self._seen.begin_anew()
         self._seen.add(loop.crowd_map.seen_ids())
-        self._had_other_static = _records(kept.static) != _records(self._static)
+        # Builds of before kept the zones themselves.
+        had = state["static_digest"] if "static_digest" in state else _digest(kept.static)
+        self._had_other_static = had != self._static_digest
         self._belief = None
         if state["number"]:
             figures = self._figures(found, zones)
@@ -290,5 +295,9 @@ class Mission:
         return dict(self.config.parameters(self.loop.crowd_map))
 
 
-def _records(zones: Sequence[Zone]) -> list[str]:
-    return [json.dumps(zone_record(zone)) for zone in zones]
+def _digest(zones: Sequence[Zone]) -> str:
+    """The same for the same zones: those of others may be thousands, and are in no snapshot."""
+    digest = sha256()
+    for zone in zones:
+        digest.update(json.dumps(zone_record(zone)).encode())
+    return digest.hexdigest()

@@ -23,7 +23,7 @@ from crowdfence.service.stamps import moment_json
 from crowdfence.service.store import Store, Write
 from crowdfence.service.stream import Hub
 from crowdfence.service.timeline import Moment
-from crowdfence.service.zone_json import zone_set_json
+from crowdfence.service.zone_set_json import ANY_VERSION, ZoneSetJson
 
 if TYPE_CHECKING:
     from crowdfence.service.live import Live
@@ -54,6 +54,7 @@ class Service:
     mode: Mode = "live"
     base_map: BaseMap | None = None
     hub: Hub = field(default_factory=Hub)
+    _zone_sets: ZoneSetJson = field(default_factory=ZoneSetJson)
     store_trouble: str | None = None
     """Why nothing can be written."""
 
@@ -173,13 +174,14 @@ class Service:
             **moment_json("last_stamp", None if span is None else span[1]),
         }
 
-    def zones_json(self, moment: Moment) -> dict[str, Any]:
-        """The zones of a moment; without a stamp where the clock of the views has not begun."""
-        told = zone_set_json(moment.zones, moment.stamp_ns, moment.marks)
+    def zones_json(self, moment: Moment, without_static: str | None = None) -> dict[str, Any]:
+        """The zones of a moment; without a stamp where the clock of the views has not begun. Those of others
+        are left out where they are of the version `without_static`, or that is `ANY_VERSION`."""
+        told = self._zone_sets.of(moment, without_static)
         is_timeless = moment.number == 0 and moment.stamp_ns == 0
         return {**told, **moment_json("stamp", None)} if is_timeless else told
 
-    def step_json(self, moment: Moment) -> dict[str, Any]:
+    def step_json(self, moment: Moment, *, with_static: bool = True) -> dict[str, Any]:
         """For the stream."""
         return {
             "type": "step",
@@ -187,7 +189,7 @@ class Service:
             "belief_version": moment.number,
             **moment.figures,
             "zone_count": len(moment.zones.closed),
-            "zones": self.zones_json(moment),
+            "zones": self.zones_json(moment, None if with_static else ANY_VERSION),
             "drones": {"drones": self.drones_json(trails=False)},
             "lag_s": max(0.0, (self.now_ns() - moment.stamp_ns) / 1e9),
             "silent_s": None if self.live is None else self.live.silent_s,
@@ -225,7 +227,7 @@ class Service:
 
     def publish(self, moment: Moment) -> None:
         """A listener of the mission."""
-        self.hub.step(lambda: self.step_json(moment))
+        self.hub.step(lambda with_static: self.step_json(moment, with_static=with_static))
 
 
 def audit_entry(

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-MakeStep = Callable[[], dict[str, Any]]
+MakeStep = Callable[[bool], dict[str, Any]]
+"""Given whether zones of others are in it."""
 
 STEPS_PER_S = 10.0
 MESSAGES_PER_S = 150.0
@@ -52,7 +53,9 @@ class _Made(NamedTuple):
 
 
 class _Listener:
-    def __init__(self) -> None:
+    def __init__(self, *, with_static: bool) -> None:
+        self.with_static = with_static
+        """Whether its steps have zones of others in them."""
         self.news = asyncio.Event()
         self.step: _Made | None = None
         self.others: deque[str] = deque()
@@ -66,7 +69,8 @@ class Hub:
         self._listeners: set[_Listener] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._make: MakeStep | None = None
-        self._made: _Made | None = None
+        self._made: dict[bool, _Made] = {}
+        """With zones of others and without."""
         self._sent: MakeStep | None = None
         self._flushing: asyncio.Task[None] | None = None
         self.cut_off = 0
@@ -113,35 +117,37 @@ class Hub:
         while self._listeners and self._sent is not self._make:
             self._sent = self._make  # whoever made it: a listener that has just come has it alone
             begun_s = time.monotonic()
-            made = await self._newest()
+            for with_static in {listener.with_static for listener in self._listeners}:
+                made = await self._newest(with_static)
+                for listener in self._listeners:
+                    if listener.with_static == with_static:
+                        listener.step = made
+                        listener.news.set()
             took_s = time.monotonic() - begun_s
-            for listener in self._listeners:
-                listener.step = made
-                listener.news.set()
             await asyncio.sleep(
                 max(pause_s(len(self._listeners)), min(took_s / MAKING_SHARE, LONGEST_PAUSE_S))
             )
 
-    async def _newest(self) -> _Made | None:
-        make, made = self._make, self._made
+    async def _newest(self, with_static: bool) -> _Made | None:
+        make, made = self._make, self._made.get(with_static)
         if make is None:
             return None
         if made is None or made.make is not make or not made.is_fresh:
             now_s = time.monotonic()
-            text = await asyncio.to_thread(lambda: json.dumps(make(), allow_nan=False))
-            made = self._made = _Made(make, text, now_s)
+            text = await asyncio.to_thread(lambda: json.dumps(make(with_static), allow_nan=False))
+            made = self._made[with_static] = _Made(make, text, now_s)
         return made
 
-    async def serve(self, socket: WebSocket, hello: dict[str, Any]) -> None:
+    async def serve(self, socket: WebSocket, hello: dict[str, Any], *, with_static: bool = True) -> None:
         """Accept a listener and send until it goes."""
         await socket.accept()
         if len(self._listeners) >= MOST_LISTENERS:
             await socket.close(code=_AGAIN, reason="too many listeners")
             return
-        listener = _Listener()
+        listener = _Listener(with_static=with_static)
         listener.others.append(json.dumps(hello, allow_nan=False))
         self._listeners.add(listener)
-        newest = await self._newest()
+        newest = await self._newest(with_static)
         if listener.step is None:  # else a newer one came while this one was made
             listener.step = newest
         listener.news.set()
@@ -174,7 +180,7 @@ class Hub:
                     await asyncio.wait_for(socket.send_text(listener.others.popleft()), SEND_WITHIN_S)
                 made, listener.step = listener.step, None
                 if made is not None and not made.is_fresh:  # it waited for a listener that reads slowly
-                    made = await self._newest()
+                    made = await self._newest(listener.with_static)
                 if made is not None:
                     await asyncio.wait_for(socket.send_text(made.text), SEND_WITHIN_S)
             except asyncio.TimeoutError:

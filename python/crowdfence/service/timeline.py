@@ -12,7 +12,7 @@ from typing import Any, get_args
 from crowdfence.service.stamps import moment_json
 from crowdfence.service.store import Store
 from crowdfence.service.zone_json import Marks
-from crowdfence.zones import ZoneSet
+from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import history_line, zone_set_of_line
 from crowdfence.zones.tracker import EventKind
 
@@ -33,6 +33,18 @@ class Moment:
     """What operators did to zones."""
     figures: dict[str, Any]
     """seen_m2, crowd_m2, closed_m2, zones."""
+
+    @property
+    def of_others(self) -> tuple[Zone, ...]:
+        """The zones of others, which may be thousands and stay as they are; without what operators drew and
+        hold closed."""
+        return tuple(zone for zone in self.zones.static if zone.id not in self.marks)
+
+    @property
+    def own(self) -> ZoneSet:
+        """All other zones."""
+        drawn = tuple(zone for zone in self.zones.static if zone.id in self.marks)
+        return replace(self.zones, static=drawn)
 
 
 class Timeline:

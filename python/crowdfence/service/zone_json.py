@@ -6,22 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from crowdfence.service.stamps import moment_json
-from crowdfence.zones import Zone, ZoneSet
+from crowdfence.zones import Zone
 from crowdfence.zones.history import rings_of
 from crowdfence.zones.reasons import REASONS
 
 Marks = Mapping[str, Mapping[str, Any]]
 """What operators did to zones, by id: "locked", "operator" (name, reason), "dismissed" (until_ns), "kind"."""
-
-
-def zone_set_json(zones: ZoneSet, stamp_ns: int, marks: Marks) -> dict[str, Any]:
-    """The zones of a moment."""
-    return {
-        **moment_json("stamp", stamp_ns),
-        "threshold": zones.threshold,
-        "dropped_m2": zones.dropped_area_m2,
-        "zones": [zone_json(zone, marks.get(zone.id, {})) for zone in zones.closed],
-    }
 
 
 def zone_json(zone: Zone, mark: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from crowdfence.iso_time import iso_utc
 from crowdfence.zones.altitude_band import AltitudeBand
 from crowdfence.zones.evidence import DroneEvidence
 from crowdfence.zones.tracker import ZoneEvent
-from crowdfence.zones.zone import Zone, ZoneSet
+from crowdfence.zones.zone import Zone, ZoneSet, are_same
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -158,11 +158,6 @@ class ZoneHistory:
                 ) from error
 
 
-def _are_same(zones: Sequence[Zone], others: Sequence[Zone]) -> bool:
-    """Nobody changes zones: what stayed as it was is the same object."""
-    return len(zones) == len(others) and all(one is other for one, other in zip(zones, others, strict=True))
-
-
 def _json_line(value: Mapping[str, Any]) -> bytes:
     return (json.dumps(value, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
@@ -217,7 +212,7 @@ def _by_id(zones: ZoneSet | None) -> dict[str, Zone]:
 
 
 def _has_static_of(zones: ZoneSet, before: ZoneSet | None) -> bool:
-    return before is not None and _are_same(zones.static, before.static)
+    return before is not None and are_same(zones.static, before.static)
 
 
 def zone_record(zone: Zone, before: Zone | None = None) -> dict[str, Any]:

@@ -224,6 +224,11 @@ class _Together:
         return shapely.MultiPolygon(list(self._parts[self._tree.query(drawn)]))
 
 
+def are_same(zones: Sequence[Zone], others: Sequence[Zone]) -> bool:
+    """Nobody changes zones: what stayed as it was is the same object."""
+    return len(zones) == len(others) and all(one is other for one, other in zip(zones, others, strict=True))
+
+
 def closed_of(zones: Sequence[Zone]) -> tuple[Zone, ...]:
     """All that zones close: of a `ZoneSet`, which is a sequence of its crowds alone, the rest too."""
     return zones.closed if isinstance(zones, ZoneSet) else tuple(zones)

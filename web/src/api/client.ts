@@ -57,7 +57,9 @@ export async function isKnown(): Promise<boolean> {
 export const scene = () => get<Scene>(address("/scene"));
 export const terrain = (run: string) => bytes(address("/terrain", { run }));
 export const belief = (at: At) => bytes(address("/belief", { at }));
-export const zones = (at: At) => get<Zones>(address("/zones", { at }));
+/** Zones of others may be left out. */
+export const zones = (at: At, withStatic: boolean) =>
+  get<Zones>(address("/zones", { at, without_static: withStatic ? null : "*" }));
 export const zoneHistory = (id: string, at: At) =>
   get<ZoneHistory>(address(`/zones/${encodeURIComponent(id)}/history`, { at }));
 export const drones = async (at: At) => (await get<{ drones: Drone[] }>(address("/drones", { at }))).drones;

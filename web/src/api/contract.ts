@@ -94,6 +94,10 @@ export interface Zones {
   threshold: number;
   /** Crowd in regions too small for a zone. */
   dropped_m2?: number;
+  /** Of the zones of others; null where there are none. */
+  static_version: string | null;
+  /** Who asks has them. */
+  static_left_out: boolean;
   zones: Zone[];
 }
 

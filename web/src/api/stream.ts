@@ -41,7 +41,7 @@ export function openStream(listener: Listener): () => void {
     silence = window.setTimeout(() => socket && lost(socket), SILENT_MS);
   };
   const connect = () => {
-    const address = new URL("api/v1/stream", location.href);
+    const address = new URL("api/v1/stream?without_static=*", location.href);
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
     socket = new WebSocket(address.href);
     socket.onopen = () => {

@@ -8,6 +8,7 @@ import { Heights } from "../map/heights";
 import { indexAt } from "../text/stamp";
 import { formatLink, parseLink } from "./deep_link";
 import { keepSettings, readSettings } from "./settings";
+import { StaticZones } from "./static_zones";
 import { store, type Selection, type Time } from "./store";
 import { thinned } from "./thinning";
 import { agedDrones, older_s } from "./time";
@@ -157,7 +158,7 @@ function onMessage(message: Message): void {
       takeAlert(message.alert);
       break;
     case "step":
-      takeStep(message);
+      void takeLeftOut(message);
       break;
   }
 }
@@ -187,6 +188,38 @@ function takeAlert(alert: Alert): void {
     alerts: [alert, ...others].sort((a, b) => b.raised_ms - a.raised_ms),
     timeline: known ? timeline : { ...timeline, alerts: [...timeline.alerts, tick] },
   });
+}
+
+const staticZones = new StaticZones();
+/** The newest step whose zones of others are being asked for. */
+let incomplete: Step | null = null;
+
+/** A step as it comes over the line. What is shown is a moment with all its zones, or the one before. */
+async function takeLeftOut(step: Step): Promise<void> {
+  const zones = staticZones.whole(step.zones);
+  if (zones) {
+    incomplete = null;
+    return takeStep({ ...step, zones });
+  }
+  const isAsking = incomplete !== null;
+  incomplete = step;
+  if (isAsking) return;
+  let told: Zones | null = null;
+  try {
+    told = await zonesOf(step.stamp_ns);
+  } catch (error) {
+    notify(reasonOf(error), "error");
+    await new Promise((resolve) => window.setTimeout(resolve, REFRESH_AGAIN_MS));
+  }
+  const latest: Step | null = incomplete;
+  incomplete = null;
+  if (latest === step && told) takeStep({ ...step, zones: told });
+  else if (latest) void takeLeftOut(latest);
+}
+
+/** All zones of a moment; those of others are asked for where the page lacks them. */
+async function zonesOf(at: api.At): Promise<Zones> {
+  return staticZones.whole(await api.zones(at, false)) ?? staticZones.whole(await api.zones(at, true))!;
 }
 
 function takeStep(step: Step): void {
@@ -291,7 +324,7 @@ export async function showPast(stamp_ns: string): Promise<void> {
     const stamp: string = wanted;
     wanted = null;
     try {
-      const [zones, drones, belief] = await Promise.all([api.zones(stamp), api.drones(stamp), api.belief(stamp)]);
+      const [zones, drones, belief] = await Promise.all([zonesOf(stamp), api.drones(stamp), api.belief(stamp)]);
       if (store.state.time.following) break;
       const arrived = performance.now();
       store.set({
@@ -416,7 +449,7 @@ export async function acknowledge(...ids: string[]): Promise<void> {
 /** What an operator did is on the map with the next step; where no step comes, now. */
 export async function zonesChanged(): Promise<void> {
   if (!store.state.time.following) return;
-  const zones = await api.zones(null).catch(() => null);
+  const zones = await zonesOf(null).catch(() => null);
   if (!zones) return;
   if (newest) newest = { ...newest, zones };
   const { moment } = store.state;

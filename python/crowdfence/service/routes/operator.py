@@ -23,6 +23,7 @@ from crowdfence.service.routes.asking import ERRORS, Decider, TheService
 from crowdfence.service.routes.drones import Drone
 from crowdfence.service.routes.zones import ZoneId
 from crowdfence.service.service import Service
+from crowdfence.service.zone_json import zone_json
 
 router = APIRouter(tags=["operator"], responses=ERRORS)
 _OTHERS: dict[int | str, dict[str, Any]] = {
@@ -121,9 +122,9 @@ def _decide(
         raise HTTPException(404, f"there is no zone {zone}")
     with _answering(422 if action == "add" else 409):
         name = service.decide(user, action, zone, reason, **drawn)
-    told = service.zones_json(service.moment(None))
-    zones: list[dict[str, Any]] = told["zones"]
-    return next((one for one in zones if one["id"] == name), {"id": name})
+    now = service.moment(None)
+    zone = next((one for one in now.zones.closed if one.id == name), None)
+    return {"id": name} if zone is None else zone_json(zone, now.marks.get(name, {}))
 
 
 def _decide_drone(service: Service, user: User, action: DroneVerb, drone: str, reason: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Path, Query, Response
+from fastapi.responses import JSONResponse
 
 from crowdfence.service.downloads import FORMATS, NotPossible, download
 from crowdfence.service.routes.asking import ERRORS, AtNs, Reader, TheService
@@ -16,9 +17,21 @@ ZoneId = Annotated[str, Path(min_length=1, max_length=MAX_ID_LENGTH)]
 
 
 @router.get("/zones")
-def zones(service: TheService, user: Reader, at: AtNs) -> dict[str, Any]:
+def zones(
+    service: TheService,
+    user: Reader,
+    at: AtNs,
+    without_static: Annotated[
+        str | None,
+        Query(
+            description="A `static_version`, whose zones of others are left out then; * for any.",
+            max_length=20,
+        ),
+    ] = None,
+) -> Response:
     """What is closed and why. Ground outside the zones is not known to be free."""
-    return service.zones_json(service.moment(at))
+    # Of thousands of zones FastAPI's own way to JSON takes seconds.
+    return JSONResponse(service.zones_json(service.moment(at), without_static))
 
 
 @router.get(
