@@ -407,6 +407,25 @@ def test_the_time_of_day_is_known_from_the_first_fix_on(tmp_path: Path) -> None:
     assert read_ulog(path).start_ns is None
 
 
+@pytest.mark.parametrize("apart_m", [0.0, 48.0])
+def test_one_height_told_for_two_is_told(tmp_path: Path, apart_m: float) -> None:
+    """Of a receiver without a geoid PX4 logs its height above the sea twice, and it was taken as above the
+    ellipsoid without a word: 48 m too low in the Alps."""
+    topics = {
+        "vehicle_global_position": "double lat;double lon;float alt;float alt_ellipsoid;",
+        "vehicle_attitude": "float[4] q;",
+    }
+    records = []
+    for number in range(20):
+        at = number * 100_000
+        records.append(struct.pack("<HQddff", 0, at, 46.5, 8.0, 500.0, 500.0 + apart_m))
+        records.append(struct.pack("<HQ4f", 1, at, 1.0, 0.0, 0.0, 0.0))
+    path = tmp_path / "a.ulg"
+    path.write_bytes(ulog(0, topics, records))
+    told = [remark for remark in read_ulog(path).remarks if "say --heights sea" in remark]
+    assert bool(told) == (apart_m == 0.0)
+
+
 def test_positions_that_px4_does_not_believe_in_are_left_out(tmp_path: Path) -> None:
     """10 s at 10 Hz: not valid up to 2 s, as before a first fix; from 8 s on by dead reckoning."""
     topics = {

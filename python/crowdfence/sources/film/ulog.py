@@ -23,6 +23,8 @@ from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.stamp_unit import THIS_CENTURY_S
 
 _GIMBAL = "gimbal_device_attitude_status"
+_NO_GEOID_M = 0.01
+"""Closer the sea is hardly anywhere to the ellipsoid: heights so alike are one number, told twice."""
 _TOPICS = [
     "vehicle_global_position",
     "vehicle_attitude",
@@ -77,6 +79,12 @@ def _flight_log(
     if ellipsoid.size and np.isfinite(ellipsoid).all() and np.any(ellipsoid != 0):
         position["ellipsoid"] = ellipsoid
         heights["ellipsoid"] = "ellipsoid"
+        if np.abs(ellipsoid - place["alt"]).max() < _NO_GEOID_M:
+            remarks.append(
+                "its heights above the sea and above the ellipsoid are the same, and those lie up to 107 m "
+                "apart: its receiver does not tell the second, or is a simulator's; say --heights sea unless "
+                "the map counts as the log does"
+            )
     attitude = topics.get("vehicle_attitude")
     body = None if attitude is None else Turns.of(time_s(attitude), _quaternions(attitude))
     gimbal = _of_one_gimbal(gimbals, remarks)
