@@ -174,6 +174,21 @@ def test_a_camera_that_hangs_fast_may_look_back(tmp_path: Path) -> None:
         assert looks == pytest.approx([0.0, np.sin(np.radians(pitch)), -np.cos(np.radians(pitch))], abs=1e-3)
 
 
+def test_a_pitch_from_the_horizon_is_not_taken_for_one_from_straight_down(tmp_path: Path) -> None:
+    """Of a maker that is not known: straight down was read as level, upside down and backwards."""
+    path = tmp_path / "a.jpg"
+    image, place = frames()[0].image(), (46.5, 8.0, 500.0)
+    for pitch in (-90.0, -60.0, -30.5):
+        xmp = f'Camera:Yaw="90.0" Camera:Pitch="{pitch}" Camera:Roll="0.0"'
+        write_photograph(path, image, 10**18, place, xmp, make="Yuneec", focal_mm35=24)
+        with pytest.raises(
+            ValueError, match=rf"a.jpg says Camera:Pitch {pitch:g}, which.*say it with --mount"
+        ):
+            open_recording(path, geoid_m=48.0)
+    looks = open_recording(path, geoid_m=48.0, mount="north:-90").frames[0].world_from_camera[:3, 2]
+    assert looks == pytest.approx([0.0, 0.0, -1.0], abs=1e-9)
+
+
 def test_a_flight_gives_the_zones_of_the_mission(tmp_path: Path) -> None:
     found = open_recording(write_photographs(tmp_path / "flight", dji), take_off=rows()[0].geodetic[:2])
     anchor, local = mission().georeference, found.georeference
@@ -319,6 +334,28 @@ def test_one_photograph_without_its_height_above_the_take_off_is_told(tmp_path: 
     assert any(told in warning for warning in found.warnings)
     (tmp_path / "1.jpg").unlink()
     assert not any("do not tell" in one for one in open_recording(tmp_path).warnings)
+
+
+@pytest.mark.parametrize(
+    ("higher_m", "pause_s", "told"), [(25.0, 300, True), (3.0, 300, False), (25.0, 20, False)]
+)
+def test_two_flights_from_different_heights_in_one_folder(
+    tmp_path: Path, higher_m: float, pause_s: int, told: bool
+) -> None:
+    """The second battery's was 25 m up the hill: all that it saw was put as if 25 m lower."""
+    for number in range(6):
+        second = number >= 3
+        stamp_ns = (10**9 + 2 * number + (pause_s if second else 0)) * 10**9
+        angles = dji((10.0, -60.0, 0.0), 'drone-dji:RelativeAltitude="+20.0"')
+        place = 46.5, 8.0 + 1e-5 * number, 520.0 + (higher_m if second else 0.0)
+        write_photograph(
+            tmp_path / f"{number}.jpg", frames()[number].image(), stamp_ns, place, angles, focal_mm35=24
+        )
+    said = [one for one in open_recording(tmp_path).warnings if "flights whose take-offs lie" in one]
+    assert bool(said) == told
+    assert not told or "lie 25 m apart in height" in said[0]
+    found = open_recording(tmp_path, heights="sea", geoid_m=48.0)
+    assert not any("take-offs lie" in warning for warning in found.warnings)
 
 
 def test_a_photograph_that_asks_to_be_turned_is_refused(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ from crowdfence.sources.lens.focal_length import (
     scaled_camera,
 )
 from crowdfence.sources.photographs.tags import PhotographTags, read_tags
+from crowdfence.sources.photographs.take_offs import take_off_doubt
 from crowdfence.sources.photographs.when_taken import WhenTaken
 from crowdfence.sources.pictures.decoding import UPRIGHT, turned_fault
 from crowdfence.sources.pictures.files import is_file_or_lost
@@ -106,6 +107,8 @@ def read_photographs(
         if placed.contact is not None:
             contacts[drone] = placed.contact
         remarks += [f"{drone}: {remark}" for remark in placed.remarks]
+        if placed.heights == "take-off" and (doubt := _take_off_doubt(group)):
+            remarks.append(f"{drone}: {doubt}")
         if only_thermal:
             remarks.append(
                 f"{drone}: every photograph is {THERMAL}: they call the ground empty; give --detector one "
@@ -191,10 +194,10 @@ def _fault(tags: PhotographTags, options: PhotographOptions) -> str | None:
     if not tags.heights_m:
         return "does not say how high it was taken"
     if options.mount is None and tags.attitude_ned is None:
-        return (
-            "does not say where its camera looked, and a guess would put crowds anywhere: say it with "
-            "--mount, such as north:-90,0 for straight down with north on top"
+        told = tags.unusable_attitude or (
+            "does not say where its camera looked, and a guess would put crowds anywhere"
         )
+        return f"{told}: say it with --mount, such as north:-90,0 for straight down with north on top"
     if options.mount is not None and options.mount.needs_body and tags.body_ned is None:
         return f"does not tell the drone's attitude, which a mount of kind {options.mount.kind!r} needs"
     return None if tags.orientation == UPRIGHT else turned_fault(tags.orientation)
@@ -246,6 +249,15 @@ def _local_track(
         preferred_heights=_HEIGHTS,
     )
     return local_track(poses, HeightOptions(options.heights, options.geoid_m, options.take_off), anchor)
+
+
+def _take_off_doubt(group: list[_Photograph]) -> str | None:
+    heights = [one.tags.heights_m for one in group]
+    absolute = next((kind for kind in _HEIGHTS[1:] if all(kind in one for one in heights)), None)
+    if absolute is None:
+        return None
+    above_m, absolute_m = ([one[kind] for one in heights] for kind in (_HEIGHTS[0], absolute))
+    return take_off_doubt([one.stamp_ns for one in group], above_m, absolute_m)
 
 
 def _attitude(tags: PhotographTags, mount: CameraMount | None) -> object:

@@ -56,6 +56,8 @@ _ELLIPSOIDAL = ("ANAFIAI", "FC6310R", "S.O.D.A.", "AERIAX")
 and senseFly's as PIX4Dmatic takes them."""
 _SHAKES_DEG = 5.0
 """A gimbal that points straight down points no further back than this."""
+_BACK_DEG = 30.0
+"""Nor does a camera that is fixed to a drone, whatever its nose does."""
 _RTK_POSITION = 16
 """drone-dji:RtkFlag: 0 none, 16 a single receiver's, 32 to 49 float, 50 fixed."""
 
@@ -74,6 +76,8 @@ class PhotographTags:
     heights_m: Mapping[HeightsAbove, float]
     attitude_ned: NDArray[np.float64] | None
     """Of the camera, forward-right-down in north-east-down, [4]."""
+    unusable_attitude: str
+    """Why what is told of the camera's attitude cannot be used; empty where nothing is, or it can."""
     body_ned: NDArray[np.float64] | None
     focal_mm: float | None
     focal_35mm: float | None
@@ -122,6 +126,7 @@ def read_tags(path: Path) -> PhotographTags:
         place=_place(gps, xmp),
         heights_m=_heights(gps, xmp, model),
         attitude_ned=_attitude(xmp, head, make),
+        unusable_attitude=_unusable(xmp, make),
         body_ned=_turn([xmp.get(f"drone-dji:Flight{name}Degree") for name in _ANGLES]),
         focal_mm=_number(more.get(ExifTags.Base.FocalLength)),
         focal_35mm=_number(more.get(ExifTags.Base.FocalLengthIn35mmFilm)),
@@ -161,13 +166,25 @@ def _attitude(xmp: Mapping[str, str], head: bytes, make: str) -> NDArray[np.floa
         if turn is not None:
             return turn
     yaw, pitch, roll = (_number(xmp.get(f"Camera:{angle}")) for angle in _ANGLES)
-    if yaw is None or pitch is None or not are_degrees(yaw, pitch, roll or 0.0):
+    if yaw is None or pitch is None or not are_degrees(yaw, pitch, roll or 0.0) or _unusable(xmp, make):
         return None
     if pitch < -_SHAKES_DEG and _is_autel(make, xmp):  # its EVO Lite tells pitch from the horizon there too
         return from_yaw_pitch_roll_deg(yaw, pitch, roll or 0.0)
     mirrored = -1 if "sensefly" in make.lower() else 1
     body = from_yaw_pitch_roll_deg(yaw, pitch, mirrored * (roll or 0.0))
     return multiply(body, from_yaw_pitch_roll_deg(0.0, -90.0, 0.0))
+
+
+def _unusable(xmp: Mapping[str, str], make: str) -> str:
+    """Pix4d's pitch of 0 is straight down, as cameras tell it that are fixed to a drone; that of a gimbal may
+    count from the horizon under the same name, where -90 is straight down."""
+    pitch = _number(xmp.get("Camera:Pitch"))
+    if pitch is None or pitch >= -_BACK_DEG or _is_autel(make, xmp):
+        return ""
+    return (
+        f"says Camera:Pitch {pitch:g}, which counts from straight down (pix4d) or from the horizon: by the "
+        "first it looked far back, by the second ahead and down, and a guess would put crowds anywhere"
+    )
 
 
 def _is_autel(make: str, xmp: Mapping[str, str]) -> bool:
