@@ -12,6 +12,7 @@ import pytest
 from crowdfence import Terrain, open_recording
 from crowdfence.sources.convert import convert
 from crowdfence.sources.ground_contact import ground_heights, on_ground
+from crowdfence.sources.ground_start import from_the_ground
 from crowdfence.sources.recording import GroundContact, Recording
 from support.small_recordings import flight, write_folder
 
@@ -70,6 +71,30 @@ def test_the_bias_of_a_barometer_is_estimated_and_said(tmp_path: Path, slope: Te
         (said,) = (one for one in settled.warnings if one.startswith(f"{drone}: heights moved by"))
         moved = re.search(r"moved by ([-+][\d.]+) m: its first pose is put on the map's ground", said)
         assert moved is not None and float(moved[1]) == pytest.approx(100 + 0.1 * x - z, abs=0.06)
+
+
+def test_what_a_barometer_says_on_the_ground_is_taken_out_of_heights_above_the_take_off(
+    slope: Terrain, flown: Recording
+) -> None:
+    """It had drifted by 3 m before the start; --ground-start did nothing, and did not say so."""
+    x, y, z = flown.tracks()["uav1"].positions[0]
+    home = GroundContact((x + 40.0, y, z - 3.0), "recorded home")
+    found = from_the_ground(replace(flown, ground_contacts={"uav1": home}))
+    settled = on_ground(found, slope)
+    assert settled.tracks()["uav1"].positions[0, 2] == pytest.approx(100 + 0.1 * x, abs=0.01)
+    assert any("(its first pose, +3.0 m from there by its own height)" in one for one in settled.warnings)
+
+
+@pytest.mark.parametrize("below_m", [None, 40.0])
+def test_a_drone_that_begins_in_flight_is_not_put_on_the_ground(
+    flown: Recording, below_m: float | None
+) -> None:
+    x, y, z = flown.tracks()["uav1"].positions[0]
+    place = None if below_m is None else (x, y, z - below_m)
+    found = from_the_ground(replace(flown, ground_contacts={"uav1": GroundContact(place, "recorded home")}))
+    assert found.ground_contacts["uav1"].place == place and found.ground_contacts["uav3"].absolute
+    (said,) = (one for one in found.warnings if "moves nothing" in one)
+    assert said.startswith("uav1: ") and ("begins +40 m from" if below_m else "ground below") in said
 
 
 def test_beside_the_map_there_is_no_take_off(slope: Terrain, flown: Recording, tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from crowdfence.sources.place_camera import Limits
 from crowdfence.sources.pose_track import PoseGapError, PoseTrack
 from crowdfence.sources.recording import (
     Frame,
-    GroundContact,
     Instant,
     PixelSources,
     Recording,
@@ -91,7 +90,9 @@ def open_recording(
     recording = _with_readable_names(recording)
     recording = _told_once(_with_clock_doubts(_with_lens_doubts(_steadied(recording, pose_noise))))
     if ground_start:
-        recording = _from_the_ground(recording)
+        from crowdfence.sources.ground_start import from_the_ground
+
+        recording = from_the_ground(recording)
     if alignment is not None:
         recording = _aligned(recording, alignment)
     return without_drones(recording, without) if without else recording
@@ -286,16 +287,6 @@ def _steadied(recording: Recording, noise: Literal["estimate"] | tuple[float, fl
     from crowdfence.sources.pose_noise import with_doubts, without_noise
 
     return with_doubts(recording) if noise is None else without_noise(recording, noise)
-
-
-def _from_the_ground(recording: Recording) -> Recording:
-    contacts = {
-        drone: GroundContact((float(x), float(y), float(z)), "its first pose", absolute=True)
-        for drone, track in recording.tracks().items()
-        if len(track) and drone not in recording.ground_contacts
-        for x, y, z in track.positions[:1]
-    }
-    return replace(recording, ground_contacts={**recording.ground_contacts, **contacts})
 
 
 def _open_folder(
