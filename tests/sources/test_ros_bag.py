@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +16,7 @@ from crowdfence import open_recording
 from crowdfence.sources.convert import convert
 from crowdfence.sources.ros_bag.common_world import heading_doubt
 from crowdfence.sources.ros_bag.picture import encoded_picture
+from crowdfence.sources.ros_bag.two_clocks import Arrivals, behind_s
 from support.foreign_recordings import (
     DRONE,
     agreement,
@@ -241,6 +243,27 @@ def test_camera_poses_that_are_north_east_down_are_turned(tmp_path: Path) -> Non
     assert_same_frames(open_recording(bag), (DRONE,), 1e-9)
 
 
+def test_a_bag_whose_topics_are_called_like_ours_is_turned_too(tmp_path: Path) -> None:
+    """Read as a mission file its cameras were under the ground, with north and east exchanged."""
+    ours = [
+        (topic.replace("/cam/image_raw", "/camera/image").replace("/cam/", "/camera/"), *rest)
+        for topic, *rest in picture_messages(DRONE, OPTICAL)
+    ]
+    told = [
+        (
+            f"/{DRONE}/camera/pose",
+            POSE,
+            row.stamp_ns,
+            {"header": header(row.stamp_ns, "world_ned"), "pose": at},
+        )
+        for row in rows()
+        for at in [pose(NED.apply(np.array(row.position)), NED * row.turn)]
+    ]
+    bag = write_bag(tmp_path / "flight", "mcap", [*ours, *told])
+    (file,) = bag.glob("*.mcap")
+    assert_same_frames(open_recording(file), (DRONE,), 1e-9)
+
+
 def fleet_in_frames_of_their_own() -> tuple[list[Any], list[dict[str, Any]]]:
     """Camera poses of two drones, each from where it was switched on, heading as it did; where that was."""
     messages: list[Any] = []
@@ -422,6 +445,19 @@ def test_receivers_that_scatter_are_not_taken_for_a_turned_world() -> None:
     assert doubt is not None and doubt.startswith("turned by -90 degrees")
 
 
+def test_the_pose_beside_a_camera_is_its_own(tmp_path: Path) -> None:
+    """Another drone, whose pictures were not recorded, told its own in a fuller message: that was taken."""
+    poses = [
+        (f"/{DRONE}/pose", POSE, stamp, {"header": header(stamp, "map"), "pose": pose(position, turn)})
+        for stamp, position, turn in body()
+    ]
+    others = odometry("uav2")
+    first = rows()[0].stamp_ns
+    messages = [*picture_messages(DRONE, OPTICAL), *poses, *others, static_mount(first)]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    assert_same_frames(found, (DRONE,), 1e-4)
+
+
 def test_a_second_camera_of_a_drone_is_not_left_out_in_silence(tmp_path: Path) -> None:
     """One camera is one drone: whoever wants both names them."""
     down = picture_messages(DRONE, OPTICAL)
@@ -511,3 +547,143 @@ def test_a_compressed_bayer_mosaic_is_no_picture() -> None:
             told(form)
     for form in ("jpeg", "rgb8; jpeg compressed bgr8", "bayer_rggb8; jpeg compressed bgr8", "mono8"):
         assert told(form) == jpeg
+
+
+def test_each_drone_of_a_fleet_may_have_transforms_of_its_own(tmp_path: Path) -> None:
+    """As ROS 2 has several robots: frames are called alike, and /uav1/tf and /uav2/tf keep them apart. Read
+    as one tree, each drone was in turn where it was and where the other one was."""
+    drones = ("uav1", "uav2")
+    messages: list[Any] = []
+    for drone in drones:
+        tree = [(f"/{drone}{topic}", *rest) for topic, *rest in moving_tree(drone)]
+        messages += [*picture_messages(drone, OPTICAL), *tree]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    assert_same_frames(found, drones, 1e-4)
+    # Of one drone alone, as its user names it.
+    topics = [warning for warning in found.warnings if "taken by types and names: uav2" in warning]
+    stated = topics[0].partition("uav2: ")[2].partition(";")[0]
+    alone = open_recording(tmp_path / "flight", topics=f"drone=uav2,{stated}")
+    assert_same_frames(alone, ("uav2",), 1e-4)
+
+
+def test_fixed_transforms_of_each_drone_beside_one_common_tf(tmp_path: Path) -> None:
+    """The one that is nearest by name tells no way of the drone: /tf does."""
+    static = moving_tree()[-1]
+    messages = [*picture_messages(DRONE, OPTICAL), *moving_tree()[:-1], (f"/{DRONE}/tf_static", *static[1:])]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    assert_same_frames(found, (DRONE,), 1e-4)
+
+
+def test_frames_of_their_own_that_are_called_alike(tmp_path: Path) -> None:
+    """Every robot calls the place where it was switched on `odom`."""
+    messages, fixed = fleet_in_frames_of_their_own()
+    alike = [
+        (topic, kind, stamp, fields | {"header": header(stamp, "odom")}) if kind == POSE else one
+        for one in messages
+        for topic, kind, stamp, fields in [one]
+    ]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", alike))
+    (told,) = [warning for warning in found.warnings if "nothing in the bag says" in warning]
+    assert "(uav1 in odom of /uav1/cam/pose, uav2 in odom of /uav2/cam/pose)" in told
+    statics = [
+        (f"/{drone}/tf_static", TF, rows()[0].stamp_ns, {"transforms": [one | {"child_frame_id": "odom"}]})
+        for drone, one in zip(("uav1", "uav2"), fixed, strict=True)
+    ]
+    found = open_recording(write_bag(tmp_path / "laid", "mcap", [*alike, *statics]))
+    assert_same_frames(found, ("uav1", "uav2"), 1e-9)
+    assert not any("nothing in the bag says" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize(("topic", "told"), [("mavros/local_position/pose", True), ("cam/pose", False)])
+def test_the_map_of_an_autopilot_is_its_own(tmp_path: Path, topic: str, told: bool) -> None:
+    """MAVROS calls the place where each autopilot was switched on `map`; of others, a map is that of all."""
+    messages: list[Any] = []
+    chosen = []
+    for drone in ("uav1", "uav2"):
+        messages += [
+            *picture_messages(drone, OPTICAL),
+            *camera_pose_messages(drone, topic=f"/{drone}/{topic}"),
+        ]
+        chosen.append(
+            f"drone={drone},camera=/{drone}/cam/image_raw/compressed,info=/{drone}/cam/camera_info,"
+            f"camera_pose=/{drone}/{topic}"
+        )
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages), topics=chosen)
+    assert any("nothing in the bag says" in warning for warning in found.warnings) == told
+
+
+def stamped_otherwise(messages: list[Any], apart_s: float) -> list[Any]:
+    """The same messages, recorded when they were, with their stamps by another clock."""
+    return [
+        (topic, kind, stamp, fields | {"header": header(stamp + round(apart_s * 1e9), "cam_optical")})
+        for topic, kind, stamp, fields in messages
+    ]
+
+
+@pytest.mark.parametrize(
+    ("told_by", "apart_s", "told"),
+    [("pose", 18.0, "18.0 s ahead of"), ("pose", -1.5, "1.5 s behind"), ("tf", -1.5, "1.5 s behind")],
+)
+def test_a_camera_on_a_clock_of_its_own_is_told(
+    tmp_path: Path, told_by: str, apart_s: float, told: str
+) -> None:
+    """Satellites count 18 s ahead of UTC. Every picture had the pose of another moment, and nothing was
+    said."""
+    poses = camera_pose_messages() if told_by == "pose" else moving_tree()
+    pictures = stamped_otherwise(picture_messages(DRONE, OPTICAL), apart_s)
+    found = open_recording(write_bag(tmp_path / "flight", "sqlite3", [*pictures, *poses]))
+    (said,) = [warning for warning in found.warnings if "two clocks" in warning]
+    assert f"of /uav1/cam/image_raw/compressed are {told} those of /" in said
+    assert f"time_s is {-apart_s:.2f}" in said
+
+
+def test_pictures_that_the_alignment_so_told_puts_right(tmp_path: Path) -> None:
+    pictures = stamped_otherwise(picture_messages(DRONE, OPTICAL), -1.5)
+    bag = write_bag(tmp_path / "flight", "mcap", [*pictures, *camera_pose_messages()])
+    drones = {DRONE: {"time_s": 1.5}}
+    (tmp_path / "a.json").write_text(json.dumps({"kind": "crowdfence alignment", "drones": drones}))
+    righted = {frame.stamp_ns: frame for frame in open_recording(bag, alignment=tmp_path / "a.json").frames}
+    for frame in reference().frames[2:]:
+        ours = righted[frame.stamp_ns - 1_500_000_000].world_from_camera
+        assert np.allclose(ours, frame.world_from_camera, atol=1e-9)
+
+
+def arrivals(arrived_s: np.ndarray, stamps_s: np.ndarray) -> Arrivals:
+    return Arrivals(*((np.round(times * 1e9)).astype(int).tolist() for times in (arrived_s, stamps_s)))
+
+
+def test_what_no_clock_of_its_own_is() -> None:
+    poses_s, pictures_s = np.arange(0, 60, 0.02), np.arange(3, 50, 0.5)
+    poses = arrivals(poses_s + 0.01, poses_s)
+    assert behind_s(arrivals(pictures_s + 0.6, pictures_s), poses) is None  # packed and sent
+    apart_s = behind_s(arrivals(pictures_s + 4.6, pictures_s), poses)
+    assert apart_s == pytest.approx(4.59, abs=0.02)
+    # A flight of last year that was played at half its speed while another program made poses of it.
+    replayed = arrivals(2 * pictures_s + 1e8, pictures_s)
+    assert behind_s(replayed, arrivals(2 * poses_s + 1e8, poses_s)) is None
+    # Written at once, or without times: arrivals say nothing.
+    assert behind_s(arrivals(pictures_s / 1e6, pictures_s), arrivals(poses_s / 1e6, poses_s)) is None
+    assert behind_s(arrivals(0 * pictures_s, pictures_s), poses) is None
+    assert behind_s(arrivals(pictures_s[:0], pictures_s[:0]), poses) is None
+
+
+def test_pictures_that_name_the_link_of_their_camera(tmp_path: Path) -> None:
+    """Simulators do: its x is forward, and taken for the camera's own frame it looks at the sky."""
+    first = rows()[0].stamp_ns
+    link = Rotation.from_euler("y", DOWN_DEG, degrees=True)
+    optical_in_link = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    assert np.allclose((link * optical_in_link).as_matrix(), MOUNT.as_matrix())
+    fixed = [
+        transform(first, "base_link", "camera_link", MOUNT_POSITION, link),
+        transform(first, "camera_link", "camera_optical_frame", np.zeros(3), optical_in_link),
+    ]
+    messages = [*picture_messages(DRONE, "camera_link"), *odometry()]
+    both = [*messages, ("/tf_static", TF, first, {"transforms": fixed})]
+    found = open_recording(write_bag(tmp_path / "both", "mcap", both))
+    assert_same_frames(found, (DRONE,), 1e-4)
+    assert any("they name camera_link, which carries it" in warning for warning in found.warnings)
+    alone = [*messages, ("/tf_static", TF, first, {"transforms": fixed[:1]})]
+    found = open_recording(write_bag(tmp_path / "alone", "mcap", alone))
+    assert any("camera_link, which is taken as the camera's optical" in told for told in found.warnings)
+    by_hand = open_recording(tmp_path / "alone", mount=f"body:{-DOWN_DEG}")
+    assert not any("camera_link" in warning for warning in by_hand.warnings)

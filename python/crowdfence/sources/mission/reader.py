@@ -56,10 +56,11 @@ from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
+from crowdfence.sources.ros_bag.transforms import is_ned
 
 
 class NoMissionError(ValueError):
-    """An MCAP file without any of our topics."""
+    """An MCAP file without any of our topics, or whose poses are not in a world of ours."""
 
 
 def read_mission(path: Path, limits: Limits) -> Recording:
@@ -110,6 +111,8 @@ class _Content:
         self.layer_people_m: dict[str, float] = {}
         self.layer_grounds: dict[str, bytes] = {}
         """Where in the world further classes are, as encoded, by layer."""
+        self.pose_frames: dict[str, None] = {}
+        """Frames that poses count from."""
         self._cameras: dict[bytes, Camera | str] = {}
         self._ignored_topics: set[str] = set()
 
@@ -166,7 +169,9 @@ class _Content:
         data = bytes(message.data) if part in ("pose", "camera_info") else bytes(message.data[:12])
         stamp_ns = ros2_messages.header_stamp_ns(data)
         if part == "pose":
-            pose = ros2_messages.decode(ros2_messages.POSE_STAMPED, data).pose
+            told = ros2_messages.decode(ros2_messages.POSE_STAMPED, data)
+            pose = told.pose
+            self.pose_frames.setdefault(told.header.frame_id)
             drone.pose_stamps_ns.append(stamp_ns)
             drone.positions.append([pose.position.x, pose.position.y, pose.position.z])
             turn = pose.orientation
@@ -256,6 +261,8 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         raise NoMissionError(
             f"{mcap.path} holds no mission: no topic like /<drone>/heatmap or /<drone>/camera/pose{lost}"
         )
+    if content.description is None and (turned := [frame for frame in content.pose_frames if is_ned(frame)]):
+        raise NoMissionError(f"{mcap.path} is a bag of others: its poses count from {turned[0]}")
     if content.description is None:
         warnings.append(
             "the file has no crowdfence metadata: georeference unknown, drones named after their topics"

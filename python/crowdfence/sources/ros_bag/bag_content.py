@@ -18,8 +18,10 @@ from crowdfence.sources.ros_bag.topic_choice import (
     POSE_WITH_COVARIANCE,
     TRANSFORM,
     DroneTopics,
+    transform_topics,
 )
-from crowdfence.sources.ros_bag.transforms import TransformTree
+from crowdfence.sources.ros_bag.transforms import TransformTree, stamp_of
+from crowdfence.sources.ros_bag.two_clocks import Arrivals
 
 Intrinsics = Camera | str
 """A camera, or why there is none."""
@@ -56,7 +58,10 @@ class BagContent:
     def __init__(self, bag: Bag, chosen: Sequence[DroneTopics]) -> None:
         self.bag = bag
         self.types = {name: topic.type for name, topic in bag.topics().items()}
-        self.tree = TransformTree()
+        static = [name for name in self.types if name.endswith("/tf_static")]
+        told_by = {one.drone: transform_topics(one, chosen, static) for one in chosen}
+        self._trees = {topics: TransformTree() for topics in told_by.values()}
+        self._tree_of = {drone: self._trees[topics] for drone, topics in told_by.items()}
         self.rows: dict[str, PoseRows] = {}
         self.fixes: dict[str, list[tuple[int, float, float, float]]] = {}
         """Stamp, latitude, longitude, ellipsoidal height by topic."""
@@ -64,19 +69,21 @@ class BagContent:
         self.pictures: dict[str, dict[int, BagMessage]] = {}
         """Messages without their data, by topic and stamp."""
         self.repeated: dict[str, list[int]] = {}
+        self.arrivals: dict[str, Arrivals] = {}
+        """Of pictures, poses and moving transforms by topic."""
         self.frames: dict[str, str] = {}
         """Frame that the messages of a topic name."""
         self.faulty: dict[str, list[str]] = {}
         self._known: dict[bytes, CameraInfos] = {}
         pixels = {name for one in chosen for name in (one.camera, one.heatmap) if name}
-        static = [name for name in self.types if name.endswith("/tf_static")]
         wanted = {
             name
             for one in chosen
             for name in (one.info, one.camera_pose, one.pose, one.tf, one.fix, one.imu, one.origin)
             if name
         }
-        for message in bag.messages([*pixels, *wanted, *static]):
+        wanted.update(name for topics in self._trees for name in topics)
+        for message in bag.messages([*pixels, *wanted]):
             try:
                 if message.topic in pixels:
                     self._take_picture(message)
@@ -85,9 +92,19 @@ class BagContent:
             except (ValueError, AttributeError) as error:
                 self.faulty.setdefault(message.topic, []).append(str(error))
 
+    def tree(self, drone: str) -> TransformTree:
+        """The transforms that are told of a drone."""
+        return self._tree_of[drone]
+
+    @property
+    def tree_warnings(self) -> list[str]:
+        """What was met in the transforms of any drone."""
+        return [warning for tree in self._trees.values() for warning in tree.warnings]
+
     def _take_picture(self, message: BagMessage) -> None:
         header = header_of(message.data, ros1=self.bag.ros1)
         self.frames.setdefault(message.topic, header.frame)
+        self._take_arrival(message, header.stamp_ns)
         place = BagMessage(message.topic, message.log_ns, b"", message.place)
         taken = self.pictures.setdefault(message.topic, {})
         if taken.setdefault(header.stamp_ns, place) is not place:
@@ -100,11 +117,16 @@ class BagContent:
             return
         found = decode(message.data, kind, ros1=self.bag.ros1)
         if hasattr(found, "transforms"):
-            for transform in found.transforms:
-                self.tree.add(transform, fixed=message.topic.endswith("_static"))
+            trees = [tree for topics, tree in self._trees.items() if message.topic in topics]
+            fixed = message.topic.endswith("_static")
+            for tree in trees:
+                for transform in found.transforms:
+                    tree.add(transform, fixed=fixed)
+            if found.transforms and not fixed:
+                self._take_arrival(message, stamp_of(found.transforms[0]))
             return
-        stamp = found.header.stamp
-        stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+        stamp_ns = stamp_of(found)
+        self._take_arrival(message, stamp_ns)
         self.frames.setdefault(message.topic, found.header.frame_id.lstrip("/"))
         if kind == FIX:
             if found.status.status > _NO_FIX:
@@ -119,6 +141,9 @@ class BagContent:
             )
         else:
             self._take_pose(message.topic, kind, stamp_ns, found)
+
+    def _take_arrival(self, message: BagMessage, stamp_ns: int) -> None:
+        self.arrivals.setdefault(message.topic, Arrivals()).add(message.log_ns, stamp_ns)
 
     def _take_pose(self, topic: str, kind: str, stamp_ns: int, found: Any) -> None:
         rows = self.rows.setdefault(topic, PoseRows())

@@ -6,6 +6,7 @@ not say is told.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -16,6 +17,11 @@ from crowdfence.sources.ros_bag.bag_content import BagContent
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics
 from crowdfence.sources.ros_bag.transforms import EARTH, NED_WORLD, FixedTransform, is_ned, is_ned_pose
 
+_OF_ITS_OWN = re.compile(r"(?:^|[/_])odom$", re.IGNORECASE)
+"""Frames that count from where a robot was switched on (REP 105): called alike by all of a fleet, each is
+elsewhere."""
+_LOCAL_POSITION = re.compile(r"/local_position/")
+"""Topics of autopilots through MAVROS, whose `map` is each one's own."""
 _SCATTER_M = 1.0
 """Receivers scatter by so much where nothing is turned."""
 
@@ -27,18 +33,20 @@ class CommonWorld:
     content: BagContent
     chosen: Sequence[DroneTopics]
     warnings: list[str]
-    counted_from: dict[str, str] = field(default_factory=dict)
-    """Frame that the poses of a drone count from, by drone, as far as it is known yet."""
+    counted_from: dict[str, tuple[str, str]] = field(default_factory=dict)
+    """Frame that the poses of a drone count from and, of a frame that is each drone's own, the topic that
+    told them; by drone, as far as it is known yet."""
 
-    def over_topic(self, topic: str) -> list[FixedTransform]:
+    def over_topic(self, drone: str, topic: str) -> list[FixedTransform]:
         """What brings the poses of a topic into the world; empty where they are in it."""
         frame = self._frame(topic)
-        above = self.over(frame)
+        above = self.over(drone, frame)
         return above or ([NED_WORLD] if is_ned_pose(frame, self.child(topic)) else [])
 
-    def over(self, frame: str) -> list[FixedTransform]:
-        """The same for poses in a frame: by its own name, or by that of the one that it is fixed to."""
-        root, above = self._fixed_to(frame)
+    def over(self, drone: str, frame: str) -> list[FixedTransform]:
+        """The same for poses of a drone in a frame: by its own name, or by that of the one that it is fixed
+        to."""
+        root, above = self._fixed_to(drone, frame)
         if above and is_ned(root):
             found = [NED_WORLD, *above]
         elif is_ned(frame):
@@ -50,10 +58,15 @@ class CommonWorld:
             self.warnings.append(told)
         return found
 
-    def frame_over_topic(self, topic: str) -> str:
+    def frame_over_topic(self, drone: str, topic: str) -> str:
         """The frame that the poses of a topic count from, once they are brought into the world."""
         frame = self._frame(topic)
-        return self._fixed_to(frame)[0] if self._several() else frame
+        return self._fixed_to(drone, frame)[0] if self._several() else frame
+
+    def count_from(self, drone: str, frame: str, topic: str) -> None:
+        """That the poses of a drone, told by a topic, count from a frame."""
+        own = _OF_ITS_OWN.search(frame) or _LOCAL_POSITION.search(topic)
+        self.counted_from[drone] = (frame, topic if own else "")
 
     def child(self, topic: str) -> str:
         """The frame that a topic tells the pose of, where it names one."""
@@ -66,7 +79,7 @@ class CommonWorld:
         lost = [drone for drone in self.counted_from if drone not in placed]
         if not lost or (not placed and len(set(self.counted_from.values())) < 2):
             return None
-        frames = ", ".join(f"{drone} in {self.counted_from[drone] or '(no frame)'}" for drone in lost)
+        frames = ", ".join(f"{drone} in {self._told(drone)}" for drone in lost)
         others = f" as those of {placed[0]}" if placed else ""
         return (
             f"nothing in the bag says how the frames of the poses lie to each other ({frames}): all are "
@@ -74,21 +87,38 @@ class CommonWorld:
             "another sees there; name origin= or fix= of each in --topics, or record /tf_static"
         )
 
+    def _told(self, drone: str) -> str:
+        frame, topic = self.counted_from[drone]
+        alike = [other for other, _ in self.counted_from.values()].count(frame) > 1
+        return f"{frame or '(no frame)'}{f' of {topic}' if alike and topic else ''}"
+
     def _frame(self, topic: str) -> str:
         return self.content.frames.get(topic, "")
 
     def _several(self) -> bool:
-        """Whether the poses of the drones are in frames of their own."""
-        return len({self._frame(one.camera_pose or one.pose or "") for one in self.chosen}) > 1
+        """Whether the poses of the drones are in frames of their own: of names of their own, or fixed to a
+        common one each otherwise."""
+        frames = [(one.drone, self._frame(one.camera_pose or one.pose or "")) for one in self.chosen]
+        if len({frame for _, frame in frames}) > 1:
+            return True
+        first, *others = (self._fixed_to(drone, frame)[1] for drone, frame in frames)
+        return any(not _same(first, other) for other in others)
 
-    def _fixed_to(self, frame: str) -> tuple[str, list[FixedTransform]]:
+    def _fixed_to(self, drone: str, frame: str) -> tuple[str, list[FixedTransform]]:
         """The uppermost frame that a frame is fixed to, and by what; itself where something moves."""
-        tree = self.content.tree
+        tree = self.content.tree(drone)
         path, root = tree.path(frame), tree.root(frame)
         if path and root in EARTH:  # its axes are not those of a level world
             path, root = path[1:], path[0]
         above = tree.fixed_segments(path)
         return (frame, []) if above is None else (root, above)
+
+
+def _same(some: list[FixedTransform], others: list[FixedTransform]) -> bool:
+    return len(some) == len(others) and all(
+        np.array_equal(one.position, other.position) and np.array_equal(one.quaternion, other.quaternion)
+        for one, other in zip(some, others, strict=True)
+    )
 
 
 def heading_doubt(at: NDArray[np.float64], places: NDArray[np.float64]) -> str | None:

@@ -35,6 +35,7 @@ from crowdfence.sources.recording import PixelSources, Recording
 from crowdfence.sources.ros_bag.bag_content import BagContent, PoseRows
 from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, open_bag
 from crowdfence.sources.ros_bag.common_world import CommonWorld, heading_doubt
+from crowdfence.sources.ros_bag.optical_frame import frame_doubt, optical_frame
 from crowdfence.sources.ros_bag.picture import encoded_picture, heatmap_pixels
 from crowdfence.sources.ros_bag.topic_choice import (
     COMPRESSED,
@@ -52,6 +53,7 @@ from crowdfence.sources.ros_bag.transforms import (
     composed,
     is_ned,
 )
+from crowdfence.sources.ros_bag.two_clocks import Arrivals, behind_s, clock_doubt
 from crowdfence.sources.rotation import multiply
 
 _INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
@@ -100,6 +102,8 @@ class _Reader:
     anchor: Georeference | None = None
     warnings: list[str] = field(default_factory=list)
     poses_from: dict[str, str] = field(default_factory=dict)
+    told_by: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Topics that tell the poses of a drone as they change."""
     world: CommonWorld = field(init=False)
     placed: list[str] = field(default_factory=list)
     """Drones of which the bag says where on Earth their poses count from."""
@@ -116,6 +120,8 @@ class _Reader:
         tracks = {one.drone: self._track(one) for one in chosen}
         if doubt := self.world.doubt(self.placed):
             self.warnings.append(doubt)
+        for one in chosen:
+            self._doubt_clocks(one)
         unplaced = {one.drone: self._unplaced(one) for one in chosen}
         for one in chosen:
             how = "taken by types and names" if self.guessed else "as stated"
@@ -125,7 +131,7 @@ class _Reader:
                 f"{', '.join(others)}: left out, what they saw is not used; name each camera of a drone with "
                 "--topics drone=NAME,camera=..., and a name of its own"
             )
-        self.warnings += self.content.tree.warnings[:4]
+        self.warnings += self.content.tree_warnings[:4]
         frames, refused = place_cameras(unplaced, tracks, self.limits)
         return Recording(
             name=self.bag.path.resolve().stem,
@@ -143,6 +149,15 @@ class _Reader:
             pose_tracks=tracks,
         )
 
+    def _doubt_clocks(self, one: DroneTopics) -> None:
+        pictures_on = one.camera or one.heatmap or ""
+        for poses_on in self.told_by.get(one.drone, ()):
+            pictures, poses = (
+                self.content.arrivals.get(name, Arrivals()) for name in (pictures_on, poses_on)
+            )
+            if (apart_s := behind_s(pictures, poses)) is not None:
+                self.warnings.append(f"{one.drone}: {clock_doubt(pictures_on, poses_on, apart_s)}")
+
     def _require_pictures(self) -> None:
         pictures = self.content.pictures
         for one in self.chosen:
@@ -155,27 +170,33 @@ class _Reader:
     # --- where the camera was ---
 
     def _track(self, one: DroneTopics) -> PoseTrack:
-        frame = self._frame(one)
+        tree = self.content.tree(one.drone)
+        frame = optical_frame(self._named(one), tree)
         if one.camera_pose:
+            self.told_by[one.drone] = (one.camera_pose,)
             track = self._in_world(one.drone, one.camera_pose)
             return self._moved_to_anchor(one, track, f"{one.camera_pose}")
-        tree_reaches = self.content.tree.moves(frame) and not _on_drone(self.content.tree.root(frame))
+        tree_reaches = tree.moves(frame) and not _on_drone(tree.root(frame))
         if one.tf and tree_reaches and (self.guessed or not one.pose):
-            root, path = self.content.tree.in_world(frame)
-            segments = [*self.world.over(root), *self.content.tree.segments(path)]
-            self.world.counted_from[one.drone] = root
+            self.told_by[one.drone] = (one.tf,)
+            self._doubt_frame(one, frame)
+            root, path = tree.in_world(frame)
+            segments = [*self.world.over(one.drone, root), *tree.segments(path)]
+            self.world.count_from(one.drone, root, one.tf)
             track = composed(segments, self.limits.max_pose_gap_s)
             return self._moved_to_anchor(one, track, f"{one.tf}, {root} to {frame}")
         if one.pose:
+            self.told_by[one.drone] = (one.pose,)
             child = self.world.child(one.pose)
             body = self._in_world(one.drone, one.pose)
-            north_east_down = any(part is NED_WORLD for part in self.world.over_topic(one.pose))
+            north_east_down = any(part is NED_WORLD for part in self.world.over_topic(one.drone, one.pose))
             if self.options.mount is not None and north_east_down:
                 body = as_forward_left_up(body)
             track = self._on_body(one, body, frame, child or BODY_FRAME)
             return self._moved_to_anchor(one, track, f"{one.pose}{self._how(frame, child or BODY_FRAME)}")
         if one.fix and one.imu:
-            body = self._satellite_track(one.fix, one.imu)
+            self.told_by[one.drone] = (one.fix, one.imu)
+            body = self._satellite_track(one.drone, one.fix, one.imu)
             self.placed.append(one.drone)
             self.poses_from[one.drone] = f"{one.fix} and {one.imu}{self._how(frame, BODY_FRAME)}"
             return self._on_body(one, body, frame, BODY_FRAME)
@@ -184,10 +205,14 @@ class _Reader:
             f"--topics; the bag has {topic_list(self.bag.topics())}"
         )
 
-    def _frame(self, one: DroneTopics) -> str:
-        """The camera's optical frame, as its pictures or its intrinsics name it."""
+    def _named(self, one: DroneTopics) -> str:
+        """The frame that the pictures of a drone name, or their intrinsics."""
         frames = self.content.frames
         return frames.get(one.camera or "") or frames.get(one.info or "") or ""
+
+    def _doubt_frame(self, one: DroneTopics, frame: str) -> None:
+        if doubt := frame_doubt(self._named(one), frame):
+            self.warnings.append(f"{one.drone}: {doubt}")
 
     def _rows(self, drone: str, topic: str) -> PoseTrack:
         track, remarks = self.content.rows.get(topic, PoseRows()).track()
@@ -197,13 +222,13 @@ class _Reader:
     def _in_world(self, drone: str, topic: str) -> PoseTrack:
         """Poses of a topic in the world of all."""
         track = self._rows(drone, topic)
-        self.world.counted_from[drone] = self.world.frame_over_topic(topic)
-        above = self.world.over_topic(topic)
+        self.world.count_from(drone, self.world.frame_over_topic(drone, topic), topic)
+        above = self.world.over_topic(drone, topic)
         return composed([*above, track], self.limits.max_pose_gap_s) if above else track
 
     def _on_body(self, one: DroneTopics, body: PoseTrack, frame: str, body_frame: str) -> PoseTrack:
         """The camera on a body, forward-left-up in ENU: by the user's word, or by tf."""
-        mount, tree = self.options.mount, self.content.tree
+        mount, tree = self.options.mount, self.content.tree(one.drone)
         if mount is not None:
             attitudes = mount.camera_quaternions_ned(body_quaternions_ned(body.quaternions))
             return PoseTrack(body.stamps_ns, body.positions, optical_quaternions_enu(attitudes))
@@ -214,6 +239,7 @@ class _Reader:
                 f"from {body_frame} to {frame or '(no frame)'}. Say it with --mount, such as level:-60, or "
                 "name the pose of the camera itself as camera_pose= in --topics"
             )
+        self._doubt_frame(one, frame)
         segments: list[Segment] = [body, *tree.segments(path)]
         return composed(segments, self.limits.max_pose_gap_s)
 
@@ -223,7 +249,7 @@ class _Reader:
             return f" with tf from {body_frame} to {frame}"
         return f" with the camera at {mount.kind}:{mount.pitch_deg:g},{mount.yaw_deg:g},{mount.roll_deg:g}"
 
-    def _satellite_track(self, fix: str, imu: str) -> PoseTrack:
+    def _satellite_track(self, drone: str, fix: str, imu: str) -> PoseTrack:
         fixes = np.array(self.content.fixes.get(fix, []), np.float64).reshape(-1, 4)
         stamps = [stamp for stamp, *_ in self.content.fixes.get(fix, [])]
         if not stamps:
@@ -235,18 +261,19 @@ class _Reader:
         place, _ = track_from_rows(stamps, positions, level)
         turn, remarks = self.content.rows.get(imu, PoseRows()).track()
         self.warnings += [f"{imu}: {remark}" for remark in remarks]
-        turn = self._of_body(imu, turn)
+        turn = self._of_body(drone, imu, turn)
         gap_s = max(self.limits.max_pose_gap_s, _longest_usual_gap_s(stamps))
         return composed([place, turn], gap_s)
 
-    def _of_body(self, imu: str, turn: PoseTrack) -> PoseTrack:
+    def _of_body(self, drone: str, imu: str, turn: PoseTrack) -> PoseTrack:
         """Attitudes of an IMU -> of the body that it is fixed to, forward-left-up in east-north-up."""
         frame = self.content.frames.get(imu, "")
         ned = is_ned(frame)
         if ned:
             self.warnings.append(f"{frame} of {imu} is north-east-down by its name: its attitudes are turned")
-        path = self.content.tree.path(frame, above=BODY_FRAME)
-        mounted = self.content.tree.fixed_segments(path) if path else None
+        tree = self.content.tree(drone)
+        path = tree.path(frame, above=BODY_FRAME)
+        mounted = tree.fixed_segments(path) if path else None
         if mounted is not None:
             imu_on_body = reduce(multiply, (part.quaternion for part in mounted))
             turn = replace(turn, quaternions=multiply(turn.quaternions, imu_on_body * _INVERSE))

@@ -92,6 +92,26 @@ def guessed_topics(topics: Mapping[str, BagTopic]) -> list[DroneTopics]:
     return [one for one in drones.values() if one.camera_pose or one.pose or one.tf or (one.fix and one.imu)]
 
 
+def transform_topics(
+    one: DroneTopics, chosen: Sequence[DroneTopics], static: Sequence[str]
+) -> tuple[str, ...]:
+    """Topics whose transforms are those of a drone; `static`: all that tell fixed ones. In a fleet each drone
+    may have topics of its own (/uav1/tf), in which frames of all are called alike."""
+    own = [name for name in static if _is_of(name, one)]
+    others = [name for name in static if any(_is_of(name, other) for other in chosen if other != one)]
+    common = [name for name in static if not name.rpartition("/")[0]]
+    anybody = [name for name in static if name not in others]
+    return tuple(dict.fromkeys([*([one.tf] if one.tf else []), *((own + common) or anybody)]))
+
+
+def _is_of(static: str, one: DroneTopics) -> bool:
+    """Whether a topic of fixed transforms lies beside those that move, or above the camera of a drone."""
+    place = static.rpartition("/")[0]
+    beside = (one.tf or "").rpartition("/")[0]
+    above = (one.camera or one.heatmap or "").startswith(f"{place}/")
+    return bool(place) and (place == beside or above)
+
+
 def other_cameras(topics: Mapping[str, BagTopic], chosen: Sequence[DroneTopics]) -> list[str]:
     """Camera topics that were not chosen, such as the second one of a drone."""
     taken = {one.camera for one in chosen}
@@ -149,17 +169,25 @@ def _around(camera: str, topics: Mapping[str, BagTopic]) -> DroneTopics:
     drones = {_namespace(name) for name in _cameras(topics)}
     several = len(drones) > 1
 
-    def nearest(kinds: Sequence[str], *, named: re.Pattern[str] | None = None) -> str | None:
+    def nearest(
+        kinds: Sequence[str], *, named: re.Pattern[str] | None = None, but: re.Pattern[str] = _NO_POSE
+    ) -> str | None:
         found = [
             name
             for name, topic in topics.items()
             if topic.type in kinds
             and topic.count
             and not _NO_POSE.search(name.lower())
+            and not but.search(name.lower())
             and (named is None or named.search(name.lower()))
             and not (several and _namespace(name) in drones - {_namespace(camera)})
         ]
-        return min(found, key=lambda name: (-_shared(camera, name), len(name), name), default=None)
+        # What is beside the camera is its own, before what another drone tells in a better message.
+        return min(
+            found,
+            key=lambda name: (-_shared(camera, name), kinds.index(topics[name].type), len(name), name),
+            default=None,
+        )
 
     infos = [name for name, topic in topics.items() if topic.type == CAMERA_INFO and topic.count]
     own = [name for name in infos if _shared(camera, name) >= max(1, camera.count("/") - 2)]
@@ -169,8 +197,8 @@ def _around(camera: str, topics: Mapping[str, BagTopic]) -> DroneTopics:
         info=max(own, key=lambda name: _shared(camera, name), default=None),
         heatmap=nearest((IMAGE,), named=_HEATMAP),
         camera_pose=nearest((POSE,), named=re.compile("cam")),
-        tf=nearest(TF_TYPES),
-        pose=nearest((ODOMETRY,)) or nearest(POSES),
+        tf=nearest(TF_TYPES, but=re.compile("_static$")) or nearest(TF_TYPES),
+        pose=nearest((ODOMETRY, *POSES)),
         fix=nearest((FIX,)),
         imu=nearest((IMU,)),
         origin=nearest((ORIGIN,)),

@@ -40,6 +40,12 @@ EARTH = ("earth", "utm")
 _NED = re.compile(r"(?:^|[/_])ned$", re.IGNORECASE)
 
 
+def stamp_of(message: Any) -> int:
+    """Nanoseconds in the header of a decoded message."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
 def is_ned(frame: str) -> bool:
     """Whether a frame is north-east-down by its name, as REP 103 has it: world_ned, odom_local_ned."""
     return _NED.search(frame) is not None
@@ -112,8 +118,7 @@ class TransformTree:
         if fixed:
             edge.told_fixed = position, quaternion
             return
-        stamp = transform.header.stamp
-        edge.stamps_ns.append(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
+        edge.stamps_ns.append(stamp_of(transform))
         edge.positions.append(position)
         edge.quaternions.append(quaternion)
 
@@ -125,6 +130,10 @@ class TransformTree:
             path.append(frame)
             frame = self._edges[frame].parent
         return path[::-1] if above is None or frame == above else []
+
+    def fixed_below(self, frame: str) -> list[str]:
+        """Frames that are fixed right below `frame`."""
+        return [name for name, edge in self._edges.items() if edge.parent == frame and edge.still()]
 
     def root(self, frame: str) -> str:
         """The frame that everything over `frame` hangs on."""
