@@ -1,4 +1,4 @@
-"""Cameras whose numbers are of another size of the picture, in other units, or exchanged, are doubted."""
+"""Cameras whose numbers are of another size of the picture, in other units or another order, are doubted."""
 
 import json
 from pathlib import Path
@@ -27,9 +27,13 @@ def camera(**changed: Any) -> Camera:
         ({"fx": 0.75, "fy": 1.0, "cx": 0.5, "cy": 0.5}, "the principal point (0.5, 0.5) is far"),
         # Millimetres: 2 atan(640 / 4.5 / 2) is 178.4 degrees.
         ({"fx": 4.5, "fy": 4.5}, "a field of view of 178 degrees: are fx and fy in pixels?"),
+        # Of 1920 x 1080 pixels, each number scaled by its own side: 4:3 is another part of the sensor.
+        ({"fx": 480.0, "fy": 640.0}, "focal lengths of 480 x 640 are of pixels that are not square"),
+        # k1, k2, k3, p1, p2 of another program.
+        ({"distortion": [-0.3, 0.12, -0.04, 0.0005, 0.0002]}, "p1 = -0.04 and p2 = 0.0005"),
     ],
 )
-def test_numbers_of_something_else_are_doubted(changed: dict[str, float], said: str) -> None:
+def test_numbers_of_something_else_are_doubted(changed: dict[str, Any], said: str) -> None:
     doubt = lens_doubt(camera(**changed))
     assert doubt is not None and said in doubt
 
@@ -40,6 +44,8 @@ def test_numbers_of_something_else_are_doubted(changed: dict[str, float], said: 
         camera(),
         camera(cx=350.0, cy=215.0),  # 4.7 % and 5.2 % off the middle
         camera(fx=160.0, fy=160.0),  # 127 degrees wide
+        camera(fy=490.0),  # 2 %
+        camera(distortion=[-0.4, 0.2, 0.004, -0.003, -0.06]),
         camera(fx=8000.0, fy=8000.0),  # a zoom lens, 4.6 degrees wide
         Camera.fisheye(640, 640, 200.0, 200.0, 320.0, 320.0),  # 183 degrees, by its own model
     ],

@@ -1,4 +1,4 @@
-"""Intrinsics that no usual camera has: of another size of the picture, in other units, or exchanged.
+"""Intrinsics that no usual camera has: of another size of the picture, in other units or another order.
 
 They make valid rays, so that nothing is refused, and zones lie beside their crowds.
 """
@@ -14,6 +14,12 @@ MOST_OFF_THE_MIDDLE = 0.1
 
 WIDEST_PINHOLE_DEG = 150.0
 """Across the longer side. A lens that shows more bends lines, and has a model of its own."""
+
+MOST_ASPECT = 1.05
+"""fy / fx, or its inverse. Pixels are square but for some thousandths."""
+
+MOST_TANGENTIAL = 0.02
+"""p1 and p2 of real lenses are some thousandths; k3 may be anything."""
 
 
 def lens_doubt(camera: Camera) -> str | None:
@@ -32,5 +38,19 @@ def lens_doubt(camera: Camera) -> str | None:
         return (
             f"a focal length of {camera.fx:g} x {camera.fy:g} in pictures of {width} x {height} is a field "
             f"of view of {widest_deg:.0f} degrees: are fx and fy in pixels? Else zones are anywhere"
+        )
+    if not 1 / MOST_ASPECT <= camera.fy / camera.fx <= MOST_ASPECT:
+        return (
+            f"focal lengths of {camera.fx:g} x {camera.fy:g} are of pixels that are not square: are both of "
+            f"this size of the picture, {width} x {height}? Else zones are too near the middle of what it "
+            "sees, or too far; and if the pictures are squeezed, detectors see people squeezed"
+        )
+    tangential = camera.distortion[2:4] if camera.model == "brown_conrady" else []
+    if max(map(abs, tangential), default=0.0) > MOST_TANGENTIAL:
+        p1, p2 = tangential
+        return (
+            f"its distortion has p1 = {p1:g} and p2 = {p2:g}, which no usual lens has: are the coefficients "
+            "in the order k1, k2, p1, p2, k3? Others write k1, k2, k3, p1, p2, and zones are beside their "
+            "crowds"
         )
     return None
