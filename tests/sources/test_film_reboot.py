@@ -148,3 +148,23 @@ def test_a_home_that_moves_does_not_move_the_flight_before(tmp_path: Path) -> No
     told_late = [lost, *(one for one in flights if one.get_type() != "HOME_POSITION")]
     path.write_bytes(b"".join(record(number / 20, message) for number, message in enumerate(told_late)))
     assert read_tlog(path).take_off is None
+
+
+def test_positions_without_a_fix_are_told(tmp_path: Path) -> None:
+    """The autopilot goes on telling a position, which drifts. From 3 s on its receiver has none, from 5 s on
+    its second one neither."""
+    no_fix, fix = 1, 3
+    nothing = [0] * 8
+    records = []
+    for t in ticks(100):
+        first, second = (fix if t < 3 else no_fix), (fix if t < 5 else no_fix)
+        receivers = [
+            mavlink.MAVLink_gps_raw_int_message(0, first, *nothing),
+            mavlink.MAVLink_gps2_raw_message(0, second, *nothing, 0, 0),
+        ]
+        records += [record(t, one) for one in (*receivers, position(5 + t, 500.0), camera(5 + t))]
+        records.append(record(t, mavlink.MAVLink_gps_raw_int_message(0, no_fix, *nothing), system=2))
+    path = tmp_path / "a.tlog"
+    path.write_bytes(b"".join(records))
+    (told,) = (remark for remark in read_tlog(path).remarks if "dead reckoning" in remark)
+    assert told.startswith("50 of 100 positions are by dead reckoning")

@@ -30,6 +30,8 @@ KINDS = (
     "HOME_POSITION",
 )
 """Messages that say where a drone and its camera are."""
+_RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
+_3D_FIX = 3
 _LATEST_S = 2**31
 _METRES_PER_E7 = 0.01113
 """Of a great circle, in degrees of 1e-7."""
@@ -101,12 +103,19 @@ def _messages(path: Path, remarks: list[str]) -> list[Any]:
 
     found: list[Any] = []
     systems: list[int] = []
+    fixes: dict[int, dict[str, bool]] = {}
+    adrift: list[int] = []
     try:
         with closing(mavutil.mavlink_connection(str(path), robust_parsing=True)) as log:
-            while (message := log.recv_match(type=list(KINDS))) is not None:
+            while (message := log.recv_match(type=[*KINDS, *_RECEIVERS])) is not None:
+                system = message.get_srcSystem()
+                if message.get_type() in _RECEIVERS:
+                    fixes.setdefault(system, {})[message.get_type()] = message.fix_type >= _3D_FIX
+                    continue
                 found.append(message)
                 if message.get_type() == PLACE:
-                    systems.append(message.get_srcSystem())
+                    systems.append(system)
+                    adrift += [system] if system in fixes and not any(fixes[system].values()) else []
     except Exception as error:  # whatever the library meets in a damaged file
         if len(systems) < 2:
             raise ValueError(f"{path} is no MAVLink log, or damaged: {one_line(error)}") from error
@@ -116,6 +125,11 @@ def _messages(path: Path, remarks: list[str]) -> list[Any]:
         remarks.append(
             f"{path.name} holds the positions of several drones: system {systems[0]} is taken, not "
             f"{', '.join(map(str, others))}"
+        )
+    if lost := adrift.count(systems[0]):
+        remarks.append(
+            f"{lost} of {systems.count(systems[0])} positions are by dead reckoning, no receiver had a fix: "
+            "they drift, and what was seen then may be put elsewhere"
         )
     return [one for one in found if one.get_srcSystem() == systems[0]]
 
