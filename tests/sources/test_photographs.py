@@ -455,6 +455,27 @@ def taken(path: Path, *, xmp: str = "", **options: Any) -> Path:
     return write_photograph(path, picture, stamp_ns, (46.5, 8.0, 1200.0), down, **options)
 
 
+def test_a_photograph_that_was_cut_after_it_was_taken_is_refused(tmp_path: Path) -> None:
+    """Its focal length is still that of the whole: the middle 320 x 240 of 640 x 360 were read as all that
+    the lens saw, 1.3 times too wide and of its own middle."""
+    folder = taken(tmp_path / "p" / "whole.jpg", focal_mm35=24, size_taken=(320, 240)).parent
+    taken(folder / "upright.jpg", focal_mm35=24, size_taken=(240, 320))
+    taken(folder / "shrunk.jpg", focal_mm35=24, size_taken=(1283, 960))
+    taken(folder / "cut.jpg", focal_mm35=24, size_taken=(640, 360))
+    found = open_recording(folder)
+    assert len(found.frames) == 3
+    (cut,) = found.refused
+    assert "had 640x360 pixels when it was taken (EXIF) and has 320x240: cut" in cut.reason
+
+
+def test_the_calibration_of_a_photograph_is_of_the_size_that_it_was_taken_in(tmp_path: Path) -> None:
+    """Shrunk to 85 %: 18 % beside its calibration, which an estimate alone may be too."""
+    dewarp = 'drone-dji:DewarpData="2026-01-01;285.0,285.0,0,0,0,0,0,0,0"'
+    for size, expected in (((320, 240), 285.0), ((376, 282), 26 / np.hypot(36, 24) * 400)):
+        path = taken(tmp_path / f"{size[0]}.jpg", xmp=dewarp, focal_mm35=26, size_taken=size)
+        assert open_recording(path).frames[0].camera.fx == pytest.approx(expected)
+
+
 def test_a_digital_zoom_narrows_what_the_lens_shows(tmp_path: Path) -> None:
     """The lens of a Mavic Pro, 4.73 mm before 6.17 mm of sensor, of whose width a zoom of 2 shows half."""
     whole = open_recording(taken(tmp_path / "1.jpg", model="FC220", focal_mm=4.73)).frames[0].camera

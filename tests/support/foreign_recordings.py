@@ -431,6 +431,7 @@ def write_photograph(
     focal_mm35: float | None = None,
     focal_mm: float | None = None,
     digital_zoom: float | None = None,
+    size_taken: tuple[int, int] | None = None,
 ) -> Path:
     picture, exif = Image.fromarray(image), Image.Exif()
     taken = datetime.fromtimestamp(stamp_ns // 10**9, timezone.utc)
@@ -444,6 +445,8 @@ def write_photograph(
         more[ExifTags.Base.FocalLength] = IFDRational(round(focal_mm * 100), 100)
     if digital_zoom is not None:
         more[ExifTags.Base.DigitalZoomRatio] = IFDRational(round(digital_zoom * 100), 100)
+    if size_taken is not None:
+        more[ExifTags.Base.ExifImageWidth], more[ExifTags.Base.ExifImageHeight] = size_taken
     gps = exif.get_ifd(ExifTags.IFD.GPSInfo)
     latitude, longitude, height = place
     gps |= {1: "N" if latitude >= 0 else "S", 2: degrees(latitude), 3: "E" if longitude >= 0 else "W"}

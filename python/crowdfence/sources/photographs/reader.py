@@ -48,6 +48,8 @@ _HEIGHTS: tuple[HeightsAbove, ...] = ("take-off", "ellipsoid", "sea")
 """In the order in which they are preferred: without RTK a barometer is steadier than satellites."""
 _MOST_APART = 0.25
 """Of the focal lengths that a photograph is calibrated with and that EXIF tells."""
+_SAME_SHAPE = 1.02
+"""Whole pixels leave such a share between the sides of a picture that was shrunk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,6 +323,7 @@ def _focal_35mm(tags: PhotographTags) -> float | None:
 
 
 def _camera(tags: PhotographTags) -> tuple[Camera, str]:
+    whole = _shown_of_it(tags) == 1.0
     camera = _by_dewarp_data(tags) if tags.dewarp and not _zoomed(tags) else None
     try:
         estimate = _estimate(tags)
@@ -328,13 +331,32 @@ def _camera(tags: PhotographTags) -> tuple[Camera, str]:
         if camera is None:
             raise
         estimate = None
-    if camera is not None and (estimate is None or _agree(camera, estimate.camera)):
+    if camera is not None and whole and (estimate is None or _agree(camera, estimate.camera)):
         return camera, "intrinsics are the calibration in the photographs (DewarpData)"
     if estimate is None:
         raise ValueError("nothing says how wide its camera sees: no focal length in EXIF; give --calibration")
     if camera is None:
         return estimate.camera, estimate.said
     return estimate.camera, f"{estimate.said}; DewarpData is of another picture: {camera.fx:.0f} px"
+
+
+def _shown_of_it(tags: PhotographTags) -> float:
+    """How large the picture is, by its sides, as a share of what the camera wrote; 1 where that is not told.
+    ValueError for one that was cut, of which nobody knows what is left."""
+    if tags.size_taken is None:
+        return 1.0
+    shares = [is_ / was for is_, was in zip(*map(sorted, (_size(tags), tags.size_taken)), strict=True)]
+    if max(shares) > _SAME_SHAPE * min(shares):
+        was, now = ("x".join(map(str, size)) for size in (tags.size_taken, _size(tags)))
+        raise ValueError(
+            f"it had {was} pixels when it was taken (EXIF) and has {now}: cut, and nothing says which part "
+            "is left; take the picture as the camera saved it, or give --calibration of what is left"
+        )
+    return max(shares)
+
+
+def _size(tags: PhotographTags) -> tuple[int, int]:
+    return tags.width, tags.height
 
 
 def _zoomed(tags: PhotographTags) -> bool:

@@ -68,6 +68,8 @@ class PhotographTags:
 
     width: int
     height: int
+    size_taken: tuple[int, int] | None
+    """Width and height as the camera wrote them: another program may have cut or shrunk the picture since."""
     taken: WhenTaken | None
     make: str
     model: str
@@ -118,6 +120,7 @@ def read_tags(path: Path) -> PhotographTags:
     return PhotographTags(
         width=width,
         height=height,
+        size_taken=_size(more),
         taken=when_taken(exif, more, gps, xmp),
         make=make,
         model=model,
@@ -138,6 +141,13 @@ def read_tags(path: Path) -> PhotographTags:
         by_dji=make.upper() in ("DJI", "HASSELBLAD"),
         thermal=is_thermal(path.stem, xmp, head),
     )
+
+
+def _size(more: Mapping[int, Any]) -> tuple[int, int] | None:
+    width, height = (
+        _number(more.get(side)) for side in (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)
+    )
+    return (int(width), int(height)) if width and height and min(width, height) >= 1 else None
 
 
 def _xmp(head: bytes) -> dict[str, str]:
