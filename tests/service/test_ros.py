@@ -465,6 +465,25 @@ def test_a_body_with_tf_carries_its_camera() -> None:
     assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
 
 
+def test_pictures_that_name_the_link_of_their_camera_get_the_optical_frame_below_it() -> None:
+    """As in bags: the link looks along its x."""
+    link = np.linalg.inv(level_body(0.0)) @ straight_down(0.0)
+    optical = np.eye(4)
+    optical[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+    feed = RosPoses("pose", None)
+    feed.camera_frame = "camera_link"
+    fixed = [
+        tf_message(0, "uav/base", "camera_link", link @ np.linalg.inv(optical)),
+        tf_message(0, "camera_link", "camera_optical_frame", optical),
+    ]
+    for message in fixed:
+        feed.transformed(decoded(message), fixed=True)
+    for number, east in enumerate((10.0, 12.0)):
+        message = odometry_message(START_NS + number * SECOND_NS // 2, level_body(east), "uav/base")
+        feed.posed(decoded(message))
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
+
+
 def test_tf_alone_carries_a_camera() -> None:
     body_from_camera = np.linalg.inv(level_body(0.0)) @ straight_down(0.0)
     feed = RosPoses("tf", None)
@@ -650,6 +669,15 @@ def test_drones_that_count_from_frames_of_their_own_are_told_of(tmp_path: Path) 
         assert "(d0 in map of /uav1/mavros, d1 in map of /uav2/mavros)" in text and "--mavlink" in text
         assert not by_mavros("/uav1/mavros/local_position/pose", "/uav1/mavros/local_position/pose")
         assert not by_mavros("/uav1/vicon/pose", "/uav2/vicon/pose")
+
+        def switched_on(*topics: str) -> list[tuple[str, str]]:
+            feeds = {f"uav{n}": RosPoses("camera_pose", None, topic=topic) for n, topic in enumerate(topics)}
+            for feed in feeds.values():
+                feed.posed(decoded(pose_message(START_NS, straight_down(10.0), "odom")))
+            return told(**feeds)
+
+        ((_, text),) = switched_on("/uav1/vio/pose", "/uav2/vio/pose")
+        assert "(uav0 in odom of /uav1/vio/pose, uav1 in odom of /uav2/vio/pose)" in text
 
 
 def test_gaps_and_frames_without_a_way_are_refused() -> None:

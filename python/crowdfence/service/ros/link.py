@@ -17,7 +17,7 @@ from crowdfence.service.ros.intake import Intake
 from crowdfence.service.ros.keys import RosKeys
 from crowdfence.service.ros.poses import RosPoses
 from crowdfence.service.ros.publisher import RosPublisher
-from crowdfence.service.ros.topics import ROLES, message_type, own_frame
+from crowdfence.service.ros.topics import ROLES, message_type
 from crowdfence.service.service import Service
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.camera_info import is_rectified
@@ -47,12 +47,11 @@ class RosLink:
         found: dict[str, PoseFeed] = {}
         for one in self.topics:
             if one.camera_pose:
-                of = own_frame(one.camera_pose)
-                found[one.drone] = RosPoses("camera_pose", None, noise=self.noise, of=of)
+                found[one.drone] = RosPoses("camera_pose", None, noise=self.noise, topic=one.camera_pose)
             elif one.pose:
-                found[one.drone] = RosPoses("pose", self.mount, noise=self.noise, of=own_frame(one.pose))
+                found[one.drone] = RosPoses("pose", self.mount, noise=self.noise, topic=one.pose)
             elif one.tf:
-                found[one.drone] = RosPoses("tf", None, noise=self.noise)
+                found[one.drone] = RosPoses("tf", None, noise=self.noise, topic=one.tf)
         return found
 
     @contextmanager

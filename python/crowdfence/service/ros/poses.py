@@ -20,6 +20,8 @@ from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.ros2_messages import time_ns
 from crowdfence.sources.pose_noise import GivenNoise, steadied_as
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
+from crowdfence.sources.ros_bag.optical_frame import frame_doubt, optical_frame
+from crowdfence.sources.ros_bag.own_frame import whose_frame
 from crowdfence.sources.ros_bag.transforms import (
     BODY_FRAME,
     NED_WORLD,
@@ -56,13 +58,13 @@ class RosPoses:
         *,
         noise: GivenNoise | None = None,
         max_gap_s: float = 1.0,
-        of: str = "",
+        topic: str = "",
     ) -> None:
         """`role` says whose the poses are: the camera's, or the body's, with the camera on it by the mount or
-        by tf; or that tf says it all. `noise`: what each row is off by itself. `of`: where the frame of the
-        poses has a name that others have too, whose it is."""
+        by tf; or that tf says it all. `noise`: what each row is off by itself. `topic`: where they are
+        told."""
         self._role, self._mount, self._noise, self._max_gap_s = role, mount, noise, max_gap_s
-        self._of = of
+        self._topic = topic
         self.doubt: str | None = None
         self._rows: deque[tuple[int, list[float], list[float]]] = deque()
         self._moving: dict[str, deque[Any]] = {}
@@ -76,6 +78,7 @@ class RosPoses:
         self._in_ned = False
         """Whether `_rows` are north-east-down, with bodies forward-right-down."""
         self._told_ned: set[str] = set()
+        self._told_of_frames: set[str] = set()
         self.changed = Condition()
 
     def posed(self, message: Any) -> None:
@@ -135,10 +138,14 @@ class RosPoses:
     @property
     def frame(self) -> str | None:
         with self.changed:
-            if self._role != "tf":
-                return f"{self._frame} of {self._of}" if self._frame is not None and self._of else self._frame
-            newest_ns = self.newest_ns
-            return None if newest_ns is None else self._tree(newest_ns).in_world(self.camera_frame)[0]
+            frame = self._frame
+            if self._role == "tf":
+                newest_ns = self.newest_ns
+                frame = None if newest_ns is None else self._tree(newest_ns).in_world(self.camera_frame)[0]
+            if frame is None:
+                return None
+            whose = whose_frame(frame, self._topic)
+            return f"{frame} of {whose}" if whose else frame
 
     def _tell_ned(self, frame: str) -> None:
         if frame not in self._told_ned:
@@ -179,7 +186,7 @@ class RosPoses:
     def _track(self, stamp_ns: int) -> PoseTrack:
         if self._role == "tf":
             tree = self._tree(stamp_ns)
-            root, path = tree.in_world(self.camera_frame)
+            root, path = tree.in_world(self._optical(tree))
             if not path:
                 raise ValueError(f"no tf leads to {self.camera_frame or '(no frame)'}")
             self._require_one_parent(path, stamp_ns)
@@ -201,7 +208,7 @@ class RosPoses:
             attitudes = self._mount.camera_quaternions_ned(body_quaternions_ned(body.quaternions))
             return PoseTrack(body.stamps_ns, body.positions, optical_quaternions_enu(attitudes))
         tree = self._tree(stamp_ns)
-        path = tree.path(self.camera_frame, above=self._body_frame)
+        path = tree.path(self._optical(tree), above=self._body_frame)
         if not path:
             raise ValueError(
                 f"no tf leads from {self._body_frame} to {self.camera_frame or '(no frame)'}: say how the "
@@ -210,6 +217,15 @@ class RosPoses:
         self._require_one_parent(path, stamp_ns)
         segments: list[Segment] = [body, *tree.segments(path)]
         return composed(segments, self._max_gap_s)
+
+    def _optical(self, tree: TransformTree) -> str:
+        """The frame of the pictures, as in bags."""
+        named = self.camera_frame
+        frame = optical_frame(named, tree)
+        if (doubt := frame_doubt(named, frame)) and doubt not in self._told_of_frames:
+            self._told_of_frames.add(doubt)
+            _LOG.warning("%s%s", f"{self._topic}: " if self._topic else "", doubt)
+        return frame
 
     def _require_one_parent(self, path: Sequence[str], stamp_ns: int) -> None:
         """ValueError where two nodes say that a frame hangs on different ones, as MAVROS may of map and odom:

@@ -59,13 +59,6 @@ def message_type(role: str, topic: str) -> str:
             return ros2_messages.ODOMETRY if "odom" in topic.lower() else ros2_messages.POSE_STAMPED
 
 
-def own_frame(pose_topic: str) -> str:
-    """Whose the frame of poses is by the name of their topic, empty where it may be everybody's: the
-    `local_position` of MAVROS counts from where that autopilot began, though every one calls it `map`."""
-    above, named, _ = f"/{pose_topic.strip('/')}/".partition("/local_position/")
-    return (above or "/") if named else ""
-
-
 def _of_drone(text: str) -> DroneTopics:
     pairs: list[tuple[str, str]] = []
     for part in text.split(","):

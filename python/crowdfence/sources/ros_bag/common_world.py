@@ -6,7 +6,6 @@ not say is told.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -14,14 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.sources.ros_bag.bag_content import BagContent
+from crowdfence.sources.ros_bag.own_frame import whose_frame
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics
 from crowdfence.sources.ros_bag.transforms import EARTH, NED_WORLD, FixedTransform, is_ned, is_ned_pose
 
-_OF_ITS_OWN = re.compile(r"(?:^|[/_])odom$", re.IGNORECASE)
-"""Frames that count from where a robot was switched on (REP 105): called alike by all of a fleet, each is
-elsewhere."""
-_LOCAL_POSITION = re.compile(r"/local_position/")
-"""Topics of autopilots through MAVROS, whose `map` is each one's own."""
 _SCATTER_M = 1.0
 """Receivers scatter by so much where nothing is turned."""
 
@@ -34,8 +29,8 @@ class CommonWorld:
     chosen: Sequence[DroneTopics]
     warnings: list[str]
     counted_from: dict[str, tuple[str, str]] = field(default_factory=dict)
-    """Frame that the poses of a drone count from and, of a frame that is each drone's own, the topic that
-    told them; by drone, as far as it is known yet."""
+    """Frame that the poses of a drone count from, and whose it is (`own_frame`); by drone, as far as it is
+    known yet."""
 
     def over_topic(self, drone: str, topic: str) -> list[FixedTransform]:
         """What brings the poses of a topic into the world; empty where they are in it."""
@@ -65,8 +60,7 @@ class CommonWorld:
 
     def count_from(self, drone: str, frame: str, topic: str) -> None:
         """That the poses of a drone, told by a topic, count from a frame."""
-        own = _OF_ITS_OWN.search(frame) or _LOCAL_POSITION.search(topic)
-        self.counted_from[drone] = (frame, topic if own else "")
+        self.counted_from[drone] = frame, whose_frame(frame, topic)
 
     def child(self, topic: str) -> str:
         """The frame that a topic tells the pose of, where it names one."""
@@ -88,9 +82,9 @@ class CommonWorld:
         )
 
     def _told(self, drone: str) -> str:
-        frame, topic = self.counted_from[drone]
+        frame, whose = self.counted_from[drone]
         alike = [other for other, _ in self.counted_from.values()].count(frame) > 1
-        return f"{frame or '(no frame)'}{f' of {topic}' if alike and topic else ''}"
+        return f"{frame or '(no frame)'}{f' of {whose}' if alike and whose else ''}"
 
     def _frame(self, topic: str) -> str:
         return self.content.frames.get(topic, "")
