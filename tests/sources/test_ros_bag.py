@@ -445,6 +445,19 @@ def test_receivers_that_scatter_are_not_taken_for_a_turned_world() -> None:
     assert doubt is not None and doubt.startswith("turned by -90 degrees")
 
 
+def test_poses_of_one_topic_in_two_frames_are_told(tmp_path: Path) -> None:
+    """Two nodes publish there: what the second one says was taken as in the frame of the first."""
+    poses = camera_pose_messages()
+    later = [
+        (topic, kind, stamp, fields | {"header": header(stamp, "odom")})
+        for topic, kind, stamp, fields in poses[-3:]
+    ]
+    messages = [*picture_messages(DRONE, OPTICAL), *poses[:-3], *later]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    (told,) = [warning for warning in found.warnings if "several frames" in warning]
+    assert told.startswith("/uav1/cam/pose: ") and "3 name odom: all are taken as in map" in told
+
+
 def test_the_pose_beside_a_camera_is_its_own(tmp_path: Path) -> None:
     """Another drone, whose pictures were not recorded, told its own in a fuller message: that was taken."""
     poses = [

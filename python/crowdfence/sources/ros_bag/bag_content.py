@@ -72,7 +72,9 @@ class BagContent:
         self.arrivals: dict[str, Arrivals] = {}
         """Of pictures, poses and moving transforms by topic."""
         self.frames: dict[str, str] = {}
-        """Frame that the messages of a topic name."""
+        """Frame that the messages of a topic name, the first where they name several."""
+        self.other_frames: dict[str, dict[str, int]] = {}
+        """How many messages of a topic name other frames than the first."""
         self.faulty: dict[str, list[str]] = {}
         self._known: dict[bytes, CameraInfos] = {}
         pixels = {name for one in chosen for name in (one.camera, one.heatmap) if name}
@@ -103,7 +105,7 @@ class BagContent:
 
     def _take_picture(self, message: BagMessage) -> None:
         header = header_of(message.data, ros1=self.bag.ros1)
-        self.frames.setdefault(message.topic, header.frame)
+        self._take_frame(message.topic, header.frame)
         self._take_arrival(message, header.stamp_ns)
         place = BagMessage(message.topic, message.log_ns, b"", message.place)
         taken = self.pictures.setdefault(message.topic, {})
@@ -127,7 +129,7 @@ class BagContent:
             return
         stamp_ns = stamp_of(found)
         self._take_arrival(message, stamp_ns)
-        self.frames.setdefault(message.topic, found.header.frame_id.lstrip("/"))
+        self._take_frame(message.topic, found.header.frame_id.lstrip("/"))
         if kind == FIX:
             if found.status.status > _NO_FIX:
                 place = (float(found.latitude), float(found.longitude), float(found.altitude))
@@ -141,6 +143,11 @@ class BagContent:
             )
         else:
             self._take_pose(message.topic, kind, stamp_ns, found)
+
+    def _take_frame(self, topic: str, frame: str) -> None:
+        if self.frames.setdefault(topic, frame) != frame:
+            others = self.other_frames.setdefault(topic, {})
+            others[frame] = others.get(frame, 0) + 1
 
     def _take_arrival(self, message: BagMessage, stamp_ns: int) -> None:
         self.arrivals.setdefault(message.topic, Arrivals()).add(message.log_ns, stamp_ns)
