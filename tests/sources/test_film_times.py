@@ -36,6 +36,9 @@ def film(folder: Path, created_after_s: float | None) -> Path:
         (-5.75 * 3600, 5.75, "its time of day is that of UTC+05:45, by the film's creation_time"),
         (1, 0, ""),
         (None, 0, "in a time zone that nothing tells"),
+        # Of half an hour, told when it had ended, in London and in Rome: nobody lives in such zones.
+        (1800, 0, "in a time zone that nothing tells"),
+        (-1.5 * 3600, 0, "in a time zone that nothing tells"),
         # Saved again later that day, and the day after.
         (-1.3 * 3600, 0, "in a time zone that nothing tells"),
         (-1.25 * 3600, 0, "in a time zone that nothing tells"),
