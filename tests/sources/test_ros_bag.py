@@ -582,9 +582,20 @@ def test_each_drone_of_a_fleet_may_have_transforms_of_its_own(tmp_path: Path) ->
 def test_fixed_transforms_of_each_drone_beside_one_common_tf(tmp_path: Path) -> None:
     """The one that is nearest by name tells no way of the drone: /tf does."""
     static = moving_tree()[-1]
-    messages = [*picture_messages(DRONE, OPTICAL), *moving_tree()[:-1], (f"/{DRONE}/tf_static", *static[1:])]
-    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    moving = [*picture_messages(DRONE, OPTICAL), *moving_tree()[:-1]]
+    found = open_recording(
+        write_bag(tmp_path / "flight", "mcap", [*moving, (f"/{DRONE}/tf_static", *static[1:])])
+    )
     assert_same_frames(found, (DRONE,), 1e-4)
+    # Of a robot that is called otherwise than its camera, beside others that all share.
+    lidar = (
+        "/tf_static",
+        TF,
+        static[2],
+        {"transforms": [transform(static[2], "gimbal", "lidar", np.zeros(3), MOUNT)]},
+    )
+    named = [*moving, lidar, ("/robot/tf_static", *static[1:])]
+    assert_same_frames(open_recording(write_bag(tmp_path / "named", "mcap", named)), (DRONE,), 1e-4)
 
 
 def test_frames_of_their_own_that_are_called_alike(tmp_path: Path) -> None:

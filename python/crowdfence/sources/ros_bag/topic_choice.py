@@ -97,19 +97,25 @@ def transform_topics(
 ) -> tuple[str, ...]:
     """Topics whose transforms are those of a drone; `static`: all that tell fixed ones. In a fleet each drone
     may have topics of its own (/uav1/tf), in which frames of all are called alike."""
+    common = [name for name in static if not _place(name)]
     own = [name for name in static if _is_of(name, one)]
-    others = [name for name in static if any(_is_of(name, other) for other in chosen if other != one)]
-    common = [name for name in static if not name.rpartition("/")[0]]
-    anybody = [name for name in static if name not in others]
-    return tuple(dict.fromkeys([*([one.tf] if one.tf else []), *((own + common) or anybody)]))
+    if not own:
+        taken = [name for name in static if any(_is_of(name, other) for other in chosen)]
+        left = [name for name in static if name not in (*common, *taken)]
+        # Those of a robot whose camera is called otherwise; of several robots nobody knows which.
+        own = left if not common or len(left) == 1 else []
+    return tuple(dict.fromkeys([*([one.tf] if one.tf else []), *own, *common]))
+
+
+def _place(topic: str) -> str:
+    return topic.rpartition("/")[0]
 
 
 def _is_of(static: str, one: DroneTopics) -> bool:
     """Whether a topic of fixed transforms lies beside those that move, or above the camera of a drone."""
-    place = static.rpartition("/")[0]
-    beside = (one.tf or "").rpartition("/")[0]
+    place = _place(static)
     above = (one.camera or one.heatmap or "").startswith(f"{place}/")
-    return bool(place) and (place == beside or above)
+    return bool(place) and (place == _place(one.tf or "") or above)
 
 
 def other_cameras(topics: Mapping[str, BagTopic], chosen: Sequence[DroneTopics]) -> list[str]:
