@@ -458,6 +458,20 @@ def test_poses_of_one_topic_in_two_frames_are_told(tmp_path: Path) -> None:
     assert told.startswith("/uav1/cam/pose: ") and "3 name odom: all are taken as in map" in told
 
 
+@pytest.mark.parametrize("other", ["/uav1/depth/camera_info", "/uav1/right/camera_info"])
+def test_the_intrinsics_of_another_camera_are_not_taken(tmp_path: Path, other: str) -> None:
+    """Of the camera itself none were recorded. Those of its neighbour have the same size and another lens."""
+    messages = [
+        (other if topic.endswith("camera_info") else topic, *rest)
+        for topic, *rest in [*picture_messages(DRONE, OPTICAL, raw=True), *camera_pose_messages()]
+    ]
+    bag = write_bag(tmp_path / "flight", "mcap", messages)
+    with pytest.raises(ValueError, match="no intrinsics of 'uav1': name a CameraInfo topic as info="):
+        open_recording(bag)
+    stated = f"camera=/uav1/cam/image_raw,info={other},camera_pose=/uav1/cam/pose"
+    assert len(open_recording(bag, topics=stated).frames) == len(frames())
+
+
 def test_the_pose_beside_a_camera_is_its_own(tmp_path: Path) -> None:
     """Another drone, whose pictures were not recorded, told its own in a fuller message: that was taken."""
     poses = [

@@ -196,7 +196,9 @@ def _around(camera: str, topics: Mapping[str, BagTopic]) -> DroneTopics:
         )
 
     infos = [name for name, topic in topics.items() if topic.type == CAMERA_INFO and topic.count]
-    own = [name for name in infos if _shared(camera, name) >= max(1, camera.count("/") - 2)]
+    near = [name for name in infos if _shared(camera, name) >= max(1, camera.count("/") - 2)]
+    # That of a depth camera or of the other eye of a stereo pair lies beside the camera, not above it.
+    own = [name for name in near if camera.startswith(f"{_place(name)}/")]
     return DroneTopics(
         _namespace(camera) or "drone",
         camera=camera,
