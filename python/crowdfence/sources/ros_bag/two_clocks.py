@@ -63,6 +63,7 @@ def clock_doubt(pictures_on: str, poses_on: str, apart_s: float) -> str:
     where = "behind" if apart_s > 0 else "ahead of"
     return (
         f"by when they were recorded, the stamps of {pictures_on} are {abs(apart_s):.1f} s {where} those of "
-        f"{poses_on}: of two clocks, each picture gets the pose of another moment; stamp both by one, or put "
-        f"it right by an --alignment whose time_s is {apart_s:.2f}"
+        f"{poses_on}: unless the ones were on their way so much longer, they are of two clocks, and each "
+        "picture gets the pose of another moment; stamp both by one clock, or put it right by an --alignment "
+        f"whose time_s is {apart_s:.2f}"
     )
