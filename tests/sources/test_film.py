@@ -608,6 +608,24 @@ def test_a_stated_take_off_far_from_the_recorded_home_is_told(
     assert len(said) == told and all("76" in one for one in said)
 
 
+@pytest.mark.parametrize(
+    ("height_m", "take_off", "told"),
+    [(1.2, (46.5, 8.01), True), (1.2, (46.5, 8.0), False), (40.0, (46.5, 8.01), False)],
+)
+def test_a_stated_take_off_far_from_where_the_drone_stood_is_told(
+    tmp_path: Path, height_m: float, take_off: tuple[float, float], told: bool
+) -> None:
+    """The one of another drone of the fleet: the ground there was taken for this one's."""
+    told_by_it = f"[latitude: 46.500000] [longitude: 8.000000] [rel_alt: {height_m}]"
+    block = f"1\n00:00:01,000 --> 00:00:02,000\n{told_by_it}\n\n"
+    poses = read_subtitles(srt(tmp_path, block)).poses(CameraMount.parse("north:-90"))
+    remarks = local_track(poses, HeightOptions(take_off=take_off), None).remarks
+    said = [one for one in remarks if "the stated take-off lies" in one]
+    assert len(said) == told and all(
+        "from the first position, 1.2 m above the take-off" in one for one in said
+    )
+
+
 def test_a_mavic_2_writes_no_arrows_and_misspells(tmp_path: Path) -> None:
     text = "".join(
         f"{n}\n2017.08.05 14:11:5{n},393,525\n[latitude : -20.2533] [longtitude : 149.0251] [iso : 100]\n\n"

@@ -178,15 +178,28 @@ def _contact(
         if abs(start_m) > _STARTED_M:
             remarks.append(f"it begins {start_m:.0f} m above its take-off, {TAKE_OFF_UNKNOWN}")
     x, y, z = (float(value) for value in anchor.local_from_geodetic(*place, anchor.height_m)[0])
-    if options.take_off is not None and poses.take_off is not None:
-        home = anchor.local_from_geodetic(*poses.take_off, anchor.height_m)[0]
-        apart_m = float(np.hypot(home[0] - x, home[1] - y))
+    if options.take_off is not None and (known := _known_take_off(poses, above, first)) is not None:
+        (latitude, longitude), what = known
+        at = anchor.local_from_geodetic(latitude, longitude, anchor.height_m)[0]
+        apart_m = float(np.hypot(at[0] - x, at[1] - y))
         if apart_m > _SAME_PLACE_M:
             remarks.append(
-                f"the stated take-off lies {apart_m:.0f} m from the home that is recorded: of several "
-                "drones it is that of all"
+                f"the stated take-off lies {apart_m:.0f} m from {what}: of several drones it is that of all"
             )
     return GroundContact((x, y, z), said)
+
+
+def _known_take_off(
+    poses: GeographicPoses, above: HeightsAbove, first: int
+) -> tuple[tuple[float, float], str] | None:
+    """Where by its own log a drone took off, and what that is."""
+    if poses.take_off is not None:
+        return poses.take_off, "the home that is recorded"
+    start_m = float(poses.heights_m[above][first])
+    if abs(start_m) > _STARTED_M:
+        return None
+    place = float(poses.latitude_deg[first]), float(poses.longitude_deg[first])
+    return place, f"the first position, {start_m:.1f} m above the take-off"
 
 
 def _undulation_m(latitude_deg: float, longitude_deg: float, given_m: float | None) -> float:

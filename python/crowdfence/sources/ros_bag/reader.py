@@ -116,8 +116,8 @@ class _Reader:
         self.warnings += [f"damaged bag: {sentence}" for sentence in self.bag.damage]
         for topic, faults in self.content.faulty.items():
             self.warnings.append(f"{topic}: {len(faults)} messages are left out, the first: {faults[0]}")
-        for topic, others in self.content.other_frames.items():
-            told = ", ".join(f"{count} name {frame or '(none)'}" for frame, count in others.items())
+        for topic, counts in self.content.other_frames.items():
+            told = ", ".join(f"{count} name {frame or '(none)'}" for frame, count in counts.items())
             self.warnings.append(
                 f"{topic}: its messages are of several frames, {told}: all are taken as in "
                 f"{self.content.frames[topic] or '(none)'}, so that what was seen may be put elsewhere; let "
