@@ -407,6 +407,14 @@ def test_the_time_of_day_is_known_from_the_first_fix_on(tmp_path: Path) -> None:
     assert read_ulog(path).start_ns is None
 
 
+def test_a_mount_that_overrules_the_angles_of_subtitles_is_told(tmp_path: Path) -> None:
+    block = "{0}\n00:00:0{0},000 --> 00:00:0{0},500\n[latitude: 46.5] [longitude: 8.0] [rel_alt: 9.0] "
+    angles = "[gb_yaw: 90.0 gb_pitch: -45.0 gb_roll: 0.0]\n\n"
+    log = read_subtitles(srt(tmp_path, "".join(block.format(n) + angles for n in (1, 2, 3))))
+    assert "45 degrees from that" in log.overruled(CameraMount.parse("north:-90,90"))
+    assert not log.overruled(CameraMount.parse("north:-45,90")) and not log.overruled(None)
+
+
 @pytest.mark.parametrize("apart_m", [0.0, 48.0])
 def test_one_height_told_for_two_is_told(tmp_path: Path, apart_m: float) -> None:
     """Of a receiver without a geoid PX4 logs its height above the sea twice, and it was taken as above the

@@ -174,6 +174,19 @@ def test_a_camera_that_hangs_fast_may_look_back(tmp_path: Path) -> None:
         assert looks == pytest.approx([0.0, np.sin(np.radians(pitch)), -np.cos(np.radians(pitch))], abs=1e-3)
 
 
+@pytest.mark.parametrize(("pitch", "told"), [(-60.0, "30 degrees from that"), (-89.0, ""), (None, "")])
+def test_a_mount_that_overrules_what_is_recorded_is_told(
+    tmp_path: Path, pitch: float | None, told: str
+) -> None:
+    """Of a gimbal that the pilot had tilted."""
+    path = tmp_path / "a.jpg"
+    xmp = "x:Other='1'" if pitch is None else dji((0.0, pitch, 0.0))
+    write_photograph(path, frames()[0].image(), 10**18, (46.5, 8.0, 500.0), xmp, focal_mm35=24)
+    found = open_recording(path, geoid_m=48.0, mount="north:-90")
+    said = [one for one in found.warnings if "--mount is used instead" in one]
+    assert len(said) == bool(told) and all(told in one for one in said)
+
+
 def test_a_pitch_from_the_horizon_is_not_taken_for_one_from_straight_down(tmp_path: Path) -> None:
     """Of a maker that is not known: straight down was read as level, upside down and backwards."""
     path = tmp_path / "a.jpg"

@@ -161,6 +161,15 @@ def test_a_mount_by_hand_and_topics_by_name(tmp_path: Path) -> None:
         assert apart == pytest.approx(np.hypot(0.3, 0.1), abs=1e-3)
 
 
+def test_a_mount_beside_a_recorded_attitude_is_not_left_out_in_silence(tmp_path: Path) -> None:
+    messages = [*picture_messages(DRONE, OPTICAL), *camera_pose_messages()]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages), mount="level:-90")
+    assert_same_frames(found, (DRONE,), 1e-9)
+    assert any("--mount is not used, /uav1/cam/pose tells" in warning for warning in found.warnings)
+    tree = write_bag(tmp_path / "tree", "mcap", [*picture_messages(DRONE, OPTICAL), *moving_tree()])
+    assert any("--mount is not used, /tf" in one for one in open_recording(tree, mount="level:-90").warnings)
+
+
 NED = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 """North-east-down in east-north-up, and the other way round."""
 FRD = Rotation.from_matrix(np.diag([1, -1, -1]))

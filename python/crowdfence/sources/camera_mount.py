@@ -12,6 +12,7 @@ from crowdfence.sources.rotation import from_yaw_pitch_roll_deg, multiply, rotat
 
 MountKind = Literal["body", "level", "north"]
 
+_WORTH_SAYING_DEG = 2.0
 _MOST_DEG = {"pitch": 90, "yaw": 360, "roll": 180}
 
 
@@ -70,3 +71,19 @@ class CameraMount:
         heading = np.arctan2(forward[..., 1], forward[..., 0]) / 2
         zero = np.zeros_like(heading)
         return multiply(np.stack([np.cos(heading), zero, zero, np.sin(heading)], axis=-1), turn)
+
+
+def overruled(mount: CameraMount, told_ned: NDArray[np.float64], used_ned: NDArray[np.float64]) -> str:
+    """What to tell where attitudes [N, 4] of the camera are recorded and those of a mount are used; empty
+    where they say the same, or none is recorded (NaN)."""
+    both = np.isfinite(told_ned).all(axis=1) & np.isfinite(used_ned).all(axis=1)
+    if not both.any():
+        return ""
+    alike = np.abs(np.sum(told_ned[both] * used_ned[both], axis=1))
+    apart_deg = float(np.degrees(2.0 * np.median(np.arccos(np.clip(alike, 0.0, 1.0)))))
+    if apart_deg < _WORTH_SAYING_DEG:
+        return ""
+    return (
+        f"where its camera looked is recorded, and --mount is used instead, of kind {mount.kind}, "
+        f"{apart_deg:.0f} degrees from that: leave it out where the record is right"
+    )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.camera_mount import CameraMount, overruled
 from crowdfence.sources.geographic_track import GeographicPoses, HeightsAbove
 
 
@@ -56,6 +56,12 @@ class FlightLog:
                 "follows the heading, or north:-90,0 for straight down with north on top"
             )
         return self.camera_ned
+
+    def overruled(self, mount: CameraMount | None) -> str:
+        """What to tell of recorded attitudes that a mount is used instead of; empty where there are none."""
+        if mount is None or self.camera_ned is None:
+            return ""
+        return overruled(mount, self.camera_ned, self.attitudes(mount))
 
     def poses(self, mount: CameraMount | None) -> GeographicPoses:
         """The camera over time, stamped from the log's time 0. ValueError as for `attitudes`."""

@@ -134,7 +134,20 @@ def read_film(
         if is_named_thermal(path.stem)
         else ""
     )
-    remarks = [*log.remarks, *placed.remarks, how, *clock, sea, cut, squeeze, lens, _spacing(step_s), thermal]
+    overruled_by = log.overruled(options.mount)
+    remarks = [
+        *log.remarks,
+        *placed.remarks,
+        overruled_by,
+        how,
+        *clock,
+        sea,
+        cut,
+        squeeze,
+        lens,
+        _spacing(step_s),
+        thermal,
+    ]
     return Recording(
         name=path.stem,
         drones=(drone,),

@@ -14,7 +14,7 @@ import numpy as np
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
-from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.camera_mount import CameraMount, overruled
 from crowdfence.sources.geographic_track import (
     DJI_SEA_LEVEL,
     GeographicPoses,
@@ -109,6 +109,8 @@ def read_photographs(
         if placed.contact is not None:
             contacts[drone] = placed.contact
         remarks += [f"{drone}: {remark}" for remark in placed.remarks]
+        if options.mount is not None and (told := _overruled(group, options.mount)):
+            remarks.append(f"{drone}: {told}")
         if placed.heights == "take-off" and (doubt := _take_off_doubt(group)):
             remarks.append(f"{drone}: {doubt}")
         if only_thermal:
@@ -267,6 +269,11 @@ def _attitude(tags: PhotographTags, mount: CameraMount | None) -> object:
         return tags.attitude_ned
     body = np.array([1.0, 0.0, 0.0, 0.0]) if tags.body_ned is None else tags.body_ned
     return mount.camera_quaternions_ned(body[None])[0]
+
+
+def _overruled(group: list[_Photograph], mount: CameraMount) -> str:
+    told = [np.full(4, np.nan) if one.tags.attitude_ned is None else one.tags.attitude_ned for one in group]
+    return overruled(mount, np.array(told), np.array([_attitude(one.tags, mount) for one in group]))
 
 
 def _unplaced(

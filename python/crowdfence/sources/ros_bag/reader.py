@@ -180,11 +180,13 @@ class _Reader:
         tree = self.content.tree(one.drone)
         frame = optical_frame(self._named(one), tree)
         if one.camera_pose:
+            self._doubt_mount(one, one.camera_pose)
             self.told_by[one.drone] = (one.camera_pose,)
             track = self._in_world(one.drone, one.camera_pose)
             return self._moved_to_anchor(one, track, f"{one.camera_pose}")
         tree_reaches = tree.moves(frame) and not _on_drone(tree.root(frame))
         if one.tf and tree_reaches and (self.guessed or not one.pose):
+            self._doubt_mount(one, one.tf)
             self.told_by[one.drone] = (one.tf,)
             self._doubt_frame(one, frame)
             root, path = tree.in_world(frame)
@@ -216,6 +218,13 @@ class _Reader:
         """The frame that the pictures of a drone name, or their intrinsics."""
         frames = self.content.frames
         return frames.get(one.camera or "") or frames.get(one.info or "") or ""
+
+    def _doubt_mount(self, one: DroneTopics, topic: str) -> None:
+        if self.options.mount is not None:
+            self.warnings.append(
+                f"{one.drone}: --mount is not used, {topic} tells where its camera looked; with pose= in "
+                "--topics it is"
+            )
 
     def _doubt_frame(self, one: DroneTopics, frame: str) -> None:
         if doubt := frame_doubt(self._named(one), frame):
