@@ -129,7 +129,7 @@ def test_unusable_tracks_are_refused(stamps, positions, quaternions, message):
 
 def test_logged_rows_that_are_no_poses_are_left_out_and_reported():
     stamps = [10, 20, 30, 40, 35, 50]
-    positions = np.arange(18.0).reshape(6, 3)
+    positions = np.arange(18.0).reshape(6, 3) / 10
     positions[1, 2] = np.inf
     quaternions = np.array([IDENTITY] * 6)
     quaternions[2] = 0.0

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.sources.pose_leaps import leaps
 from crowdfence.sources.rotation import normalise, rotation_matrix, slerp
 from crowdfence.sources.stamps import stamp_faults
 
@@ -113,10 +114,10 @@ def track_from_rows(
 ) -> tuple[PoseTrack, list[str]]:
     """A track from rows as they were logged, and one line for every kind of row that had to be left out.
 
-    Left out are rows with values that are not finite, quaternions that are not unit length, and stamps that
-    repeat or go backwards. Where a whole stretch of time was told twice, as by a clock that was set back,
-    neither is taken, because frames of that time may be of either. What that leaves open is a gap, which
-    `PoseTrack.at` refuses to bridge.
+    Left out are rows with values that are not finite, quaternions that are not unit length, stamps that
+    repeat or go backwards, and rows that are elsewhere for a moment (`pose_leaps`). Where a whole stretch of
+    time was told twice, as by a clock that was set back, neither is taken, because frames of that time may
+    be of either. What that leaves open is a gap, which `PoseTrack.at` refuses to bridge.
     """
     positions = np.asarray(positions, dtype=np.float64).reshape(-1, 3)
     quaternions = np.asarray(quaternions, dtype=np.float64).reshape(-1, 4)
@@ -149,7 +150,9 @@ def track_from_rows(
         )
         kept = [row for row, out in zip(kept, twice, strict=True) if not out]
         stamps = stamps[~twice]
-    return PoseTrack(stamps, positions[kept], quaternions[kept]), remarks
+    elsewhere, said = leaps(stamps, positions[kept])
+    used = np.array(kept, np.int64)[~elsewhere]
+    return PoseTrack(stamps[~elsewhere], positions[used], quaternions[used]), [*remarks, *said]
 
 
 def _told_again(

@@ -274,7 +274,8 @@ class _Reader:
             self.anchor = Georeference(*fixes[0, 1:])
         positions = self.anchor.local_from_geodetic(*fixes[:, 1:].T)
         level = np.tile([1.0, 0.0, 0.0, 0.0], (len(stamps), 1))
-        place, _ = track_from_rows(stamps, positions, level)
+        place, remarks = track_from_rows(stamps, positions, level)
+        self.warnings += [f"{fix}: {remark}" for remark in remarks]
         turn, remarks = self.content.rows.get(imu, PoseRows()).track()
         self.warnings += [f"{imu}: {remark}" for remark in remarks]
         turn = self._of_body(drone, imu, turn)

@@ -75,10 +75,11 @@ class _Edge:
     quaternions: list[list[float]] = field(default_factory=list)
     told_fixed: _Row | None = None
 
-    def segment(self) -> Segment:
+    def segment(self) -> tuple[Segment, list[str]]:
+        """And what is to be told of its rows."""
         if self.fixed:
-            return self.as_fixed()
-        return track_from_rows(self.stamps_ns, self.positions, self.quaternions)[0]
+            return self.as_fixed(), []
+        return track_from_rows(self.stamps_ns, self.positions, self.quaternions)
 
     @property
     def fixed(self) -> bool:
@@ -99,7 +100,8 @@ class _Edge:
 
 
 class TransformTree:
-    """All transforms of a bag. `warnings` says where frames changed their parents."""
+    """All transforms of a bag. `warnings` says where frames changed their parents, and which rows of the
+    segments that were asked for were left out."""
 
     def __init__(self) -> None:
         self.warnings: list[str] = []
@@ -154,7 +156,12 @@ class TransformTree:
 
     def segments(self, path: Iterable[str]) -> list[Segment]:
         """The transforms into the parents of the frames of a `path`."""
-        return [self._edges[name].segment() for name in path]
+        found = []
+        for name in path:
+            segment, remarks = self._edges[name].segment()
+            found.append(segment)
+            self.warnings += [f"tf: {name}: {remark}" for remark in remarks]
+        return found
 
     def fixed_segments(self, path: Sequence[str]) -> list[FixedTransform] | None:
         """The same; None where one of them moves. One that is told again and again, as by ROS 1, is fixed."""
