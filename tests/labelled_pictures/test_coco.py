@@ -56,6 +56,46 @@ def test_crowds_are_outlined_or_groups(tmp_path: Path) -> None:
     np.testing.assert_array_equal(picture.crowds[2], [[40, 10], [45, 10], [45, 16], [40, 16]])
 
 
+def test_a_box_of_four_zeros_is_none(tmp_path: Path) -> None:
+    """COCO Annotator writes one beside points and outlines: all people stood in the corner, as one, and a
+    picture of a crowd was one of empty ground. CVAT writes boxes without a size beside single points."""
+    nothing = {"bbox": [0, 0, 0, 0], "segmentation": []}
+    points = [{**nothing, "keypoints": [x, 31, 2], "num_keypoints": 1} for x in (20, 22, 24)]
+    outline = {**nothing, "segmentation": [[1, 2, 5, 2, 5, 12]]}
+    of_a_point = {"bbox": [40, 30, 0, 0], "segmentation": [], "keypoints": [40, 30, 2]}
+    (picture,) = read_coco(written(tmp_path, document(*points, outline, of_a_point)))
+    standing = [[20, 31, 0, 0], [22, 31, 0, 0], [24, 31, 0, 0], [3, 12, 4, 10], [40, 30, 0, 0]]
+    np.testing.assert_array_equal(picture.people, standing)
+    (picture,) = read_coco(written(tmp_path, document({"bbox": [0, 0, 4, 8]}, {"bbox": [7, 0, 0, 0]})))
+    np.testing.assert_array_equal(picture.people, [[2, 8, 4, 8], [7, 0, 0, 0]])
+
+
+@pytest.mark.parametrize(("rotation", "upright"), [(90.0, False), (-90, False), (180.0, True), (0.0, True)])
+def test_boxes_are_turned_as_cvat_states_it(tmp_path: Path, rotation: float, upright: bool) -> None:
+    """Its box is that before turning: a crowd was marked beside where it stands. 20 x 4 about (30, 22)."""
+    mark = {"bbox": [20, 20, 20, 4], "segmentation": [], "attributes": {"rotation": rotation}}
+    (picture,) = read_coco(written(tmp_path, document({**mark, "category_id": 2}, mark)))
+    expected = [20, 20, 40, 24] if upright else [28, 12, 32, 32]
+    np.testing.assert_allclose(shapely.Polygon(picture.crowds[0]).bounds, expected)
+    person = [30, 24, 20, 4] if upright else [30, 32, 4, 20]
+    np.testing.assert_allclose(picture.people, [person])
+
+
+def test_boxes_turn_clockwise_and_outlines_do_not(tmp_path: Path) -> None:
+    """20 x 4 about (30, 22) by 30 degrees: its right end comes down by 10 sin 30 = 5, to 27."""
+    turned = {"bbox": [20, 20, 20, 4], "category_id": 2, "attributes": {"rotation": 30, "occluded": False}}
+    outline = [20.0, 20.0, 40.0, 20.0, 40.0, 24.0, 20.0, 24.0]
+    drawn = {**turned, "segmentation": [outline]}
+    named = {**turned, "attributes": {"rotation": "left"}}
+    (picture,) = read_coco(written(tmp_path, document(turned, drawn, named)))
+    box, other, upright = (shapely.Polygon(one) for one in picture.crowds)
+    cos, sin = math.cos(math.pi / 6), 0.5
+    assert box.area == pytest.approx(80.0)
+    assert box.contains(shapely.Point(30 + 9 * cos, 22 + 9 * sin))
+    assert not box.contains(shapely.Point(30 + 9 * cos, 22 - 9 * sin))
+    assert other.bounds == upright.bounds == (20, 20, 40, 24)
+
+
 def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
     """Down the columns, beginning with those outside."""
     flat = [False, *mask.ravel(order="F").tolist()]
@@ -209,6 +249,10 @@ IMAGE = {"id": 7, "file_name": "a.jpg", "width": 64, "height": 48}
         ),
         (document({"bbox": [1, 2, math.nan, 4]}), "allowed: a list of finite numbers"),
         (document({"bbox": "1,2"}), "allowed: a list of finite numbers"),
+        (
+            document({"bbox": [0, 0, 0, 0], "segmentation": [], "keypoints": [0, 0, 0]}),
+            r"annotations\[0\] has no outline \(segmentation\), no box \(bbox\) and no point",
+        ),
         (document({"segmentation": [[1, 2, 3, 4]]}), "has 4 numbers; allowed: x, y of 3 corners"),
         (document({"segmentation": [[1, 2, 3, 4, 5, 6, 7]]}), "has 7 numbers"),
         (

@@ -53,6 +53,16 @@ def test_points_without_a_scale_are_refused() -> None:
     assert not picture_labels(picture([(1, 1, 0, 0)] * 2, gsd_m=None)).crowd.any()  # no crowd at any scale
 
 
+def test_boxes_of_one_pixel_are_points() -> None:
+    """RectLabel writes them for points: everybody was 1.7 m long in one pixel, 51 m from the next, and a
+    crowd was no crowd. Others who have a size tell that of all."""
+    points = [(50 + 30 * n, 50, 1, 1) for n in range(3)]
+    with pytest.raises(AnnotationError, match=r"p.jpg: people are points and nothing tells the scale"):
+        picture_labels(picture(points, gsd_m=None))
+    tall = [(150.0, 90.0, 20.0, 68.0)]  # 0.025 m per pixel
+    assert picture_labels(picture([*points, *tall], gsd_m=None)).crowd[50, 80]
+
+
 def test_marks_in_other_units_than_its_pixels_leave_no_picture_empty_in_silence() -> None:
     """On 200 x 100 pixels: made on a copy four times as large, and as fractions. One mark alone is let be."""
     large = [(4.0 * x, 4.0 * y, 20, 60) for x, y in ((60, 50), (70, 50), (80, 50), (20, 20))]

@@ -214,6 +214,17 @@ def test_an_import_is_a_folder_of_its_own(imported: Path) -> None:
     assert again.returncode == FAILED and "exists and is not empty" in again.stderr
 
 
+def test_an_import_tells_how_many_pictures_have_no_mark(tmp_path: Path) -> None:
+    """CVAT exports every picture of a task: those that nobody had labelled yet were ground without anybody,
+    and what a model found there was an error of the model."""
+    (tmp_path / "source").mkdir()
+    source = three_people(tmp_path / "source")  # b.png has none
+    finished = crowdfence("data", "import", "coco", source, "-o", tmp_path / "a")
+    assert "1 without any mark, where nobody is taken to be" in " ".join(finished.stdout.split())
+    finished = crowdfence("data", "import", "coco", source, "-o", tmp_path / "b", "--json")
+    assert json.loads(finished.stdout)["pictures_without_marks"] == 1
+
+
 def test_an_import_tells_what_it_takes_for_nothing(tmp_path: Path) -> None:
     """A crowd in a class of another language would be ground without anybody, and nobody would hear of it."""
     (tmp_path / "source").mkdir()
@@ -277,6 +288,10 @@ def test_one_scale_for_pictures_of_several_sizes_is_doubted(tmp_path: Path) -> N
     assert "pictures have 2 sizes, from 32 x 24 to 64 x 48 pixels, and 0.1 m a pixel is" in finished.stderr
     finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "b")
     assert finished.stderr == ""  # boxes tell the scale of each
+    told = ("--gsd-m", "0.1", "--json")
+    finished = crowdfence("data", "import", "visdrone", source, "-o", tmp_path / "c", *told)
+    assert json.loads(finished.stdout)["pictures"] == 2
+    assert "pictures have 2 sizes" in finished.stderr  # which the JSON says nowhere
 
 
 def turned(path: Path, told: int) -> None:

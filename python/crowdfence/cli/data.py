@@ -107,24 +107,12 @@ def import_data(
     sizes = {(picture.width, picture.height) for picture in kept}
     people = sum(len(picture.people) for picture in kept)
     again = people - sum(len(distinct(picture.people)) for picture in kept)
+    # CVAT exports all pictures of a task, also those that nobody has labelled yet.
+    bare = sum(picture.is_bare for picture in kept)
     left_out, left_out_text = left_out_classes(kept)
     facts: dict[str, Any] = {"output": str(output), "pictures": len(kept), "people": people - again}
     if groups := painted_groups(kept):
         console.warn(groups)
-    if as_json:
-        more = {"left_out": left_out, "labels_without_picture": len(unpictured)}
-        more["painted_groups"] = sum(picture.painted_groups for picture in kept)
-        console.print_json(
-            {**facts, "pictures_with_crowd": crowds, **more, "stored_turned": len(turned), "repeated": again}
-        )
-        return
-    shown = {
-        "pictures": f"{len(kept)}, {crowds} of them with a crowd (three people within 2 m)",
-        "people": f"{people - again}" + (f", {counted(again, 'mark')} again of the same" if again else ""),
-    }
-    if left_out:
-        shown["left out"] = f"{left_out_text}; --class NAME=person, crowd or ignore says what one means"
-    console.stdout().print(console.facts(str(output), shown))
     if len(sizes) > 1 and gsd_m is not None:
         smallest, largest = (f"{width} x {height}" for width, height in (min(sizes), max(sizes)))
         console.warn(
@@ -140,6 +128,28 @@ def import_data(
     if unpictured:
         files = counted(len(unpictured), "file")
         console.warn(f"{files} of labels without a picture, left out, the first: {unpictured[0]}")
+    if as_json:
+        more = {"left_out": left_out, "labels_without_picture": len(unpictured)}
+        more["painted_groups"] = sum(picture.painted_groups for picture in kept)
+        console.print_json(
+            {
+                **facts,
+                "pictures_with_crowd": crowds,
+                "pictures_without_marks": bare,
+                **more,
+                "stored_turned": len(turned),
+                "repeated": again,
+            }
+        )
+        return
+    shown = {
+        "pictures": f"{len(kept)}, {crowds} of them with a crowd (three people within 2 m)"
+        + (f", {bare} without any mark, where nobody is taken to be" if bare else ""),
+        "people": f"{people - again}" + (f", {counted(again, 'mark')} again of the same" if again else ""),
+    }
+    if left_out:
+        shown["left out"] = f"{left_out_text}; --class NAME=person, crowd or ignore says what one means"
+    console.stdout().print(console.facts(str(output), shown))
 
 
 def _roles(pairs: list[str]) -> dict[str, Any]:

@@ -44,6 +44,11 @@ class AnnotatedPicture:
     painted_groups: int = 0
     """Those of `crowds` that are masks of people as a group (`iscrowd` of COCO)."""
 
+    @property
+    def is_bare(self) -> bool:
+        """Whether nothing at all is marked in it: nobody is there, or nobody has labelled it."""
+        return not (len(self.people) or self.crowds or self.ignored or self.left_out)
+
 
 def people_in_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Boxes x, y, width, height [N, 4] -> people [N, 4] who stand on the middle of the lower edge."""
@@ -91,3 +96,11 @@ def painted_groups(pictures: Iterable[AnnotatedPicture]) -> str:
 
 def rectangle(x: float, y: float, width: float, height: float) -> Polygon:
     return np.array([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])
+
+
+def turned(polygon: Polygon, degrees: float) -> Polygon:
+    """A polygon turned about the middle of its corners, clockwise as the picture is seen."""
+    middle, turn = polygon.mean(axis=0), np.radians(degrees)
+    to_right, down = (polygon - middle).T
+    cos, sin = np.cos(turn), np.sin(turn)
+    return np.asarray(middle + np.stack([cos * to_right - sin * down, sin * to_right + cos * down], axis=1))

@@ -4,10 +4,11 @@
      "annotations": [{"image_id": 1, "category_id": 1, "segmentation": [[x, y, ...]]}],
      "categories": [{"id": 1, "name": "crowd"}]}
 
-Annotations are outlines or masks (`segmentation`), boxes (`bbox`: x, y, width, height) or points
-(`keypoints`: x, y, visibility, of which the first visible one counts). A group of people marked with
-`iscrowd` is a crowd; such masks are counted (`painted_groups`), as CVAT exports every mask so. Of people and
-crowds marked with `ignore`, as converters of other data sets do, nothing is said.
+Annotations are outlines or masks (`segmentation`), boxes (`bbox`: x, y, width, height, turned clockwise by
+the degrees of `attributes.rotation`, as of CVAT) or points (`keypoints`: x, y, visibility, of which the first
+visible one counts). A group of people marked with `iscrowd` is a crowd; such masks are counted
+(`painted_groups`), as CVAT exports every mask so. Of people and crowds marked with `ignore`, as converters of
+other data sets do, nothing is said.
 Our own key `gsd_m` of an image states its metres per pixel.
 """
 
@@ -34,6 +35,7 @@ from crowdfence.labelled_pictures.annotated_picture import (
     people_at_points,
     people_in_boxes,
     rectangle,
+    turned,
 )
 from crowdfence.labelled_pictures.run_lengths import mask_outlines
 
@@ -193,13 +195,15 @@ def _picture(
 
 def _person(mark: Mapping[str, Any], where: str, width: int, height: int) -> list[float]:
     """x, y of the feet, width, height."""
-    if mark.get("bbox"):
-        return [float(value) for value in people_in_boxes(np.array(_box(mark, where)))[0]]
-    if mark.get("keypoints"):
+    box = _box(mark, where)
+    has_size = box is not None and max(box[2:]) > 0.0
+    if not has_size and mark.get("keypoints"):
         points = np.array(_numbers(mark["keypoints"], f"{where}.keypoints", None))
         if len(points) % 3 == 0 and (points[2::3] > 0.0).any():
             first = int(np.flatnonzero(points[2::3] > 0.0)[0])
             return [float(value) for value in people_at_points(points[3 * first : 3 * first + 2])[0]]
+    if box is not None and _turn_deg(mark) == 0.0 and (has_size or not mark.get("segmentation")):
+        return [float(value) for value in people_in_boxes(np.array(box))[0]]
     corners = np.concatenate(_outlines(mark, where, width, height))
     low, high = corners.min(axis=0), corners.max(axis=0)
     return [float(value) for value in people_in_boxes(np.concatenate([low, high - low]))[0]]
@@ -220,17 +224,28 @@ def _outlines(mark: Mapping[str, Any], where: str, width: int, height: int) -> l
         if not (parts := mask_outlines(outline, width, height, where)):
             raise AnnotationError(f"{where}.segmentation is a mask without a pixel")
         return parts
-    if mark.get("bbox"):
-        return [rectangle(*_box(mark, where))]
+    if (box := _box(mark, where)) is not None:
+        return [turned(rectangle(*box), _turn_deg(mark))]
     raise AnnotationError(f"{where} has no outline (segmentation), no box (bbox) and no point (keypoints)")
 
 
-def _box(mark: Mapping[str, Any], where: str) -> list[float]:
-    """x, y, width, height."""
+def _box(mark: Mapping[str, Any], where: str) -> list[float] | None:
+    """x, y, width, height; None where there is none. Four zeros are none: so does COCO Annotator fill the
+    place of one beside points and outlines, and everybody would stand in the corner of the picture."""
+    if not mark.get("bbox"):
+        return None
     box = _numbers(mark["bbox"], f"{where}.bbox", 4)
     if box[2] < 0.0 or box[3] < 0.0:
         raise AnnotationError(f"{where}.bbox is {quoted(box)}; allowed: width and height of at least 0")
-    return box
+    return box if any(box) else None
+
+
+def _turn_deg(mark: Mapping[str, Any]) -> float:
+    """By how much the box is turned about its middle, clockwise, as CVAT states it; 0 for outlines, which
+    are as they are."""
+    attributes = mark.get("attributes")
+    turn: Any = attributes.get("rotation") if isinstance(attributes, dict) else None
+    return float(turn) if _is_number(turn) and not mark.get("segmentation") else 0.0
 
 
 def _roles(

@@ -19,6 +19,8 @@ from crowdfence.truth.morphology import close_with_disc
 
 PERSON_HEIGHT_M = 1.7
 """What an upright person's box stands for, where nobody says how many metres a pixel is."""
+_POINT_PX = 1.0
+"""Boxes up to this size are people marked as points by programs that know boxes only."""
 _NEAREST = 5
 """Boxes whose median tells the scale at a person: some sit, some are cut off by others."""
 _MOST_PIXELS = 400_000_000
@@ -114,7 +116,7 @@ def _gsd_at(people: NDArray[np.float64], picture: AnnotatedPicture) -> NDArray[n
     from scipy.spatial import cKDTree
 
     longest_px = people[:, 2:].max(axis=1)
-    sized = longest_px > 0.0
+    sized = longest_px > _POINT_PX
     if not sized.any():
         raise AnnotationError(
             f"{picture.path.name}: people are points and nothing tells the scale: give metres per pixel"
