@@ -87,7 +87,7 @@ def model_quality(
         if mission.terrain is not None:
             gsd_m, _ = cell_sampling(frame, mission.terrain, heatmap.shape, plan.max_range_m)
             tested_m = None if validity is None else validity.gsd_m
-            people.add(frame, heatmap, crowd, np.where(known, gsd_m, np.nan), tested_m)
+            people.add(frame, heatmap, crowd, np.where(known, gsd_m, np.nan), tested_m, stride)
 
     def heatmaps_of(mission: LabelledMission, frame: Frame) -> tuple[NDArray[Any]]:
         return (mission.heatmap(detector, frame, plan.max_range_m),)

@@ -45,6 +45,17 @@ def test_feet_count_in_the_cell_that_they_stand_in() -> None:
     assert found.share_found() == 0.5
 
 
+def test_cells_that_reach_beyond_the_picture_are_as_large_as_the_others() -> None:
+    """Cells of 32 pixels on 80 x 40: three and two. Feet at x = 2.3 m, 10 m away: pixel 63, the last one of
+    column 1; laid evenly over the picture as three of 27 pixels, it would be column 2."""
+    heatmap = np.zeros((2, 3), np.float32)
+    heatmap[0, 1] = 0.9
+    found = PeopleFound()
+    seen = frame([(2.3, 0.0, 10.0)], [1], [5])
+    found.add(seen, heatmap, heatmap > 0.0, np.full((2, 3), 0.1), None, 32)
+    assert found.share_found() == 1.0
+
+
 def test_only_the_tested_range_counts() -> None:
     """Distance sqrt(1 + 0.25 + 100) m over 100 pixels: 0.1006 m per pixel."""
     seen = frame([(1.0, 0.5, 10.0)], [1], [5])

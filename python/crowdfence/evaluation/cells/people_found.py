@@ -28,8 +28,11 @@ class PeopleFound:
         crowd: NDArray[np.bool_],
         gsd_m: NDArray[np.float64],
         tested_m: tuple[float, float] | None,
+        stride: int | None = None,
     ) -> None:
         """One frame. heatmap, crowd and gsd_m [h, w]; cells whose truth is not known have no gsd_m (NaN).
+        `stride`: pixels along the cells, the last of which may reach beyond the picture; None: they divide it
+        evenly.
 
         FrameError where the frame records its people but they cannot be read; a frame that records none adds
         its cells alone.
@@ -44,7 +47,8 @@ class PeopleFound:
         gsd = distance_m / np.sqrt(frame.camera.fx * frame.camera.fy)
         tested = (gsd >= low) & (gsd <= high)
         size = np.array([frame.camera.width, frame.camera.height])
-        column, row = np.floor(at[tested] * (np.array(values.shape[::-1]) / size)).astype(np.intp).T
+        cells_per_px = np.array(values.shape[::-1]) / size if stride is None else 1.0 / stride
+        column, row = np.floor(at[tested] * cells_per_px).astype(np.intp).T
         self._people += np.bincount(bin_of_values(values[row, column]), minlength=BINS)
 
     @property
