@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from looks import LITERAL, Mission, Weakened
+from looks import LITERAL, Mission, Weakened, digest
 from numpy.typing import NDArray
 from settings import Setting
 
 import crowdfence as cf
+from crowdfence import _core
 from crowdfence.config import MethodConfig, OrConfig, PaperConfig, RunConfig
 from crowdfence.evaluation.replay import MEANS
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
@@ -37,9 +38,12 @@ class Fused(NamedTuple):
 
 
 def fused(mission: Mission | Weakened, settings: Sequence[Setting], kept: Path) -> dict[str, Fused]:
-    """Of every setting by its name; what the folder `kept` holds already is not made again."""
+    """Of every setting by its name; what the folder `kept` holds already of the same looks, method and
+    compiled core is not made again."""
     kept.mkdir(parents=True, exist_ok=True)
-    missing = [one for one in settings if not _file(kept, one).exists()]
+    core = Path(_core.__file__).read_bytes()
+    made_from = {one.name: digest(mission.made_from, core, one.method) for one in settings}
+    missing = [one for one in settings if _made_from(_file(kept, one)) != made_from[one.name]]
     judged = [_Judged(one, mission) for one in missing]
     truth = TruthMap(mission.terrain.voxel_count)
     stamps_ns = []
@@ -55,7 +59,7 @@ def fused(mission: Mission | Weakened, settings: Sequence[Setting], kept: Path) 
         for one in judged:
             one.take_in(look.observations if one.counts_all else counting, look.stamp_ns, crowd)
     for one in judged:
-        one.save(_file(kept, one.setting), np.array(stamps_ns))
+        one.save(_file(kept, one.setting), np.array(stamps_ns), made_from[one.setting.name])
     return {one.name: _read(_file(kept, one)) for one in settings}
 
 
@@ -104,7 +108,8 @@ class _Judged:
             # One map tells what `or` would say at every b threshold.
             self._highest = np.zeros(mission.terrain.voxel_count, np.float32)
             self.threshold, knobs = config.method.b_threshold, MEANS
-        self._sweep = ThresholdSweep([*knobs, self.threshold])
+        above = isinstance(config.method, OrConfig)
+        self._sweep = ThresholdSweep([*knobs, self.threshold], above=above)
         self._lowest = min(knobs.min(), self.threshold)
 
     def take_in(
@@ -129,7 +134,7 @@ class _Judged:
         ids = self._map.seen_ids()
         return ids, self._highest[ids]
 
-    def save(self, path: Path, stamps_ns: NDArray[np.int64]) -> None:
+    def save(self, path: Path, stamps_ns: NDArray[np.int64], made_from: str) -> None:
         result = self._sweep.result()
         part = path.with_suffix(".part.npz")
         np.savez_compressed(
@@ -138,6 +143,7 @@ class _Judged:
             thresholds=result.thresholds,
             per_frame=result.per_frame,
             stamps_ns=stamps_ns,
+            made_from=made_from,
         )
         part.rename(path)
 
@@ -162,6 +168,14 @@ def _thresholds(method: cf.Paper | cf.Or | cf.Evidence) -> NDArray[np.float64]:
 
 def _file(kept: Path, setting: Setting) -> Path:
     return kept / f"{setting.name.replace(' ', '_').replace(',', '').replace('/', '')}.npz"
+
+
+def _made_from(path: Path) -> str | None:
+    """What a kept result follows from; None where there is none, or it does not say."""
+    if not path.exists():
+        return None
+    with np.load(path) as stored:
+        return str(stored["made_from"]) if "made_from" in stored else None
 
 
 def _read(path: Path) -> Fused:

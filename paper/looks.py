@@ -6,6 +6,8 @@ on the cubes of voxels. Whatever stops this on the way, the same command goes on
 
 from __future__ import annotations
 
+import hashlib
+import json
 import pickle
 import subprocess
 import sys
@@ -63,6 +65,10 @@ class Mission:
         self.drones = len(self._recording.drones)
         self._detector = cf.Detector()
         self.kept = kept
+        model = self._detector.path
+        assert model is not None
+        self.made_from = digest(cf.__version__, model.read_bytes(), LITERAL, self._recording.manifest)
+        """What the looks follow from."""
 
     @property
     def contract(self) -> Contract:
@@ -76,6 +82,7 @@ class Mission:
     def looks(self) -> Iterator[Look]:
         """Instant by instant; made where they are not kept yet."""
         self.kept.mkdir(parents=True, exist_ok=True)
+        _require_made_from(self.kept, self.made_from)
         heatmaps = heatmap_source(self._detector, self.terrain, LITERAL.max_range_m)
         instants = self._recording.instants()
         number = 0
@@ -116,6 +123,29 @@ class Mission:
             yield Look(instant.stamp_ns, observations, labels.projected(instant))
 
 
+def digest(*told: object) -> str:
+    """One word for all that something is made from."""
+    whole = hashlib.sha256()
+    for one in told:
+        whole.update(hashlib.sha256(one if isinstance(one, bytes) else _text(one).encode()).digest())
+    return whole.hexdigest()[:16]
+
+
+def _text(told: object) -> str:
+    return json.dumps(told, sort_keys=True, default=str) if isinstance(told, dict) else repr(told)
+
+
+def _require_made_from(folder: Path, made_from: str) -> None:
+    """Kept looks of another detector or mission would stand in the table as those of this one."""
+    note = folder / "made_from.txt"
+    if any(folder.glob("*.looks")) and (not note.exists() or note.read_text() != made_from):
+        raise SystemExit(
+            f"{folder} holds looks that another crowdfence, detector or mission has left: remove this folder "
+            "to make them anew, or name another with --work"
+        )
+    note.write_text(made_from)
+
+
 def simulated(seed: int, frames: int, size: str, folder: Path) -> Path:
     """The race of a seed, simulated as far as it is not there yet. Its name says what was asked for: one of
     fewer or smaller pictures is another mission."""
@@ -143,7 +173,7 @@ class Weakened:
     def __init__(self, mission: Mission) -> None:
         self.name, self.terrain, self.drones = mission.name, mission.terrain, mission.drones
         self.contract, self.prior = mission.contract, mission.prior
-        self._mission = mission
+        self._mission, self.made_from = mission, mission.made_from
 
     def looks(self) -> Iterator[Look]:
         for look in self._mission.looks():

@@ -2,6 +2,7 @@
 
 import csv
 import importlib.util
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -24,18 +25,18 @@ ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "python" / "crowdfence" / "demo_data" / "race.mcap"
 
 
+def reproduced(work: Path, results: Path) -> subprocess.CompletedProcess[str]:
+    command = [ROOT / "paper" / "reproduce.py", "--quick", "--work", work, "-o", results]
+    return subprocess.run(
+        [sys.executable, *map(str, command)], check=False, timeout=600, capture_output=True, text=True
+    )
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("paper")
-    command = [
-        ROOT / "paper" / "reproduce.py",
-        "--quick",
-        "--work",
-        folder / "work",
-        "-o",
-        folder / "results",
-    ]
-    subprocess.run([sys.executable, *map(str, command)], check=True, timeout=600)
+    finished = reproduced(folder / "work", folder / "results")
+    assert finished.returncode == 0, finished.stderr
     return folder / "results"
 
 
@@ -91,3 +92,19 @@ def test_a_mission_of_other_pictures_is_another_mission(
     tried = [(7, 6, "64x48"), (7, 6, "320x240"), (7, 1056, "320x240"), (8, 1056, "320x240")]
     paths = [looks.simulated(*one, tmp_path) for one in [*tried, *tried]]
     assert len(set(paths)) == len(asked) == len(tried) and paths[:4] == paths[4:]
+
+
+def test_what_was_kept_of_other_methods_and_looks_is_not_taken_for_these(
+    results: Path, tmp_path: Path
+) -> None:
+    """Whoever changed a method, or took another detector, had the table of before again."""
+    work = results.parent / "work"
+    shipped = work / "bundled" / "shipped"
+    shutil.copy(shipped / "alpha_1_decay_0.05.npz", shipped / "no_fusion.npz")
+    assert reproduced(work, tmp_path / "again").returncode == 0
+    assert (tmp_path / "again" / "table1.csv").read_text() == (results / "table1.csv").read_text()
+    (shipped / "no_fusion.npz").unlink()
+    (work / "bundled" / "made_from.txt").write_text("another")
+    finished = reproduced(work, tmp_path / "other")
+    assert finished.returncode == 1 and not (tmp_path / "other").exists()
+    assert "bundled holds looks that another crowdfence, detector or mission has left" in finished.stderr
