@@ -307,6 +307,23 @@ def test_a_second_kill_loses_nothing(mission, tmp_path, monkeypatch):
     assert messages(path) == messages(mission.path)
 
 
+def test_a_mission_goes_before_its_map_does(mission, tmp_path):
+    """A mission names the map beside it: killed while it was replaced by one of another seed, it stayed, on
+    the ground of that seed, and what was there of the new one could not be resumed."""
+    path = tmp_path / "beach.mcap"
+    path.write_bytes(mission.path.read_bytes())
+    part_path(path).write_bytes(mission.path.read_bytes())
+
+    def killed(done, planned):
+        raise SystemExit
+
+    with pytest.raises(SystemExit):
+        record_mission(beach(seed=4), path, options=LABELS, workers=1, overwrite=True, progress=killed)
+    assert not path.exists()
+    resumed = record_mission(beach(seed=4), path, options=LABELS, workers=1, resume=True)
+    assert resumed.complete and open_recording(path).manifest["simulation"]["seed"] == 4
+
+
 def test_an_interrupt_ends_the_file_properly(mission, tmp_path, monkeypatch):
     path = tmp_path / "beach.mcap"
 

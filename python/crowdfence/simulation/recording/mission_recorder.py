@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from crowdfence.atomic_file import file_at
 from crowdfence.simulation.landing_ground import landing_ground
 from crowdfence.simulation.recording.frame_maker import FrameOptions
 from crowdfence.simulation.recording.frame_pool import FramePool, MadeFrame, worker_count
@@ -59,7 +60,8 @@ def record_mission(
 
     An interrupt (Ctrl-C) ends the file properly after the frame at hand; a kill leaves `<path>.part`, which
     `open_recording` reads too. `resume` goes on with either, and the result holds what an uninterrupted run
-    would have written. `workers` processes make the frames; by default as many as there are cores.
+    would have written. With `overwrite` an earlier mission is gone as soon as its map is replaced. `workers`
+    processes make the frames; by default as many as there are cores.
 
     Raises NoOpenGL when pictures are wanted and cannot be rendered, ScenarioError for a scenario that cannot
     be recorded so, ValueError to resume another mission, FileExistsError unless `resume` or `overwrite`, and
@@ -86,7 +88,7 @@ def record_mission(
             if resume:
                 earlier = salvage(path, manifest, _parts_of(options))
             elif overwrite:
-                finished(path)
+                _remove_earlier(path)
             map_files = preparation.write_map(path.parent, path.stem)
         with FramePool(scene, options, encoder, workers) as pool:
             run = TimelineRun(schedule, pool, stop, progress)
@@ -104,6 +106,14 @@ def record_mission(
         renderer,
         map_files,
     )
+
+
+def _remove_earlier(path: Path) -> None:
+    """What may be replaced goes before its map does: a mission names the map beside it, and if this run is
+    killed an earlier one would be read on the ground of another."""
+    finished(path)
+    part_path(path).unlink(missing_ok=True)
+    file_at(path).unlink(missing_ok=True)
 
 
 def _require_no_map(path: Path) -> None:
