@@ -260,6 +260,12 @@ def test_layers_without_names(model: Path, recording: Path, tmp_path: Path) -> N
     assert operators == expected and operators.count("QuantizeLinear") == 2
 
 
+def test_shipped_models_go_by_their_names(recording: Path, tmp_path: Path) -> None:
+    """They did for all commands but this one and calibrate."""
+    done = crowdfence("model", "quantize", "crowdnet-s", "--data", recording, "-o", tmp_path / "int8.onnx")
+    assert done.returncode == 1 and "computes in eight bits already" in done.stderr
+
+
 def test_what_cannot_be_quantized(model: Path, recording: Path, tmp_path: Path) -> None:
     flat = write_map_model(tmp_path / "flat.onnx", contract())
     old, short = tmp_path / "old.onnx", tmp_path / "short.onnx"

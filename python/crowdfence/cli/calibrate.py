@@ -31,7 +31,10 @@ class TruthName(str, Enum):
 
 
 def calibrate(
-    model: Annotated[Path, typer.Argument(help="Model to calibrate (.onnx), probability or logits.")],
+    model: Annotated[
+        Path,
+        typer.Argument(help="Model to calibrate (.onnx, or a shipped one's name), probability or logits."),
+    ],
     data: Annotated[
         list[Path],
         typer.Option(
@@ -72,6 +75,7 @@ def calibrate(
     _require_onnx()
     from crowdfence.calibration.calibrate import calibrate_model, plan_for
     from crowdfence.detector.detector import Detector
+    from crowdfence.detector.shipped import model_path
     from crowdfence.evaluation.labelled_missions import MeasurementPlan, frames_looked_at
 
     chosen = {
@@ -89,6 +93,7 @@ def calibrate(
         terrain_options=options.terrain_options(origin=origin, assume_local=assume_local),
         **given,
     )
+    model = model_path(model)
     detector = Detector(model)
     plan = plan_for(detector.contract, plan, **dict.fromkeys(given, True))
     with replaceable_file(output, force=force, reads=data):

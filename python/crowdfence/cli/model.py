@@ -173,7 +173,9 @@ def evaluate(
 
 @app.command("quantize")
 def quantize(
-    model: Annotated[Path, typer.Argument(help="Model (.onnx) to bring to eight bits.")],
+    model: Annotated[
+        Path, typer.Argument(help="Model (.onnx, or a shipped one's name) to bring to eight bits.")
+    ],
     data: Annotated[
         list[Path],
         typer.Option(
@@ -204,9 +206,10 @@ def quantize(
     """
     from crowdfence.calibration.quantization import quantize_model
     from crowdfence.detector.detector import Detector
+    from crowdfence.detector.shipped import model_path
     from crowdfence.evaluation.labelled_missions import MeasurementPlan, frames_looked_at
 
-    paths = options.recordings_in(data)
+    paths, model = options.recordings_in(data), model_path(model)
     detector = Detector(model, contract)
     with ExitStack() as stack:
         stack.enter_context(replaceable_file(output, force=force, reads=[model, *data]))
