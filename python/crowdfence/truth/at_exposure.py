@@ -22,11 +22,22 @@ DEFAULT_CROWD = {"radius_m": 2.0, "min_people": 3}
 
 
 def crowd_definition(manifest: dict[str, Any]) -> dict[str, Any]:
-    """`radius_m` and `min_people` that a simulated recording was labelled with; else three within 2 m."""
-    given = manifest
+    """`radius_m` and `min_people` that a simulated recording was labelled with; else three within 2 m.
+    ValueError for values that define no crowd."""
+    given: Any = manifest
     for key in ("simulation", "scenario", "crowd_definition"):
-        given = given.get(key) or {}
-    return {name: given.get(name, default) for name, default in DEFAULT_CROWD.items()}
+        given = given.get(key) if isinstance(given, dict) else None
+    if not isinstance(given, dict):
+        return dict(DEFAULT_CROWD)
+    definition = {name: given.get(name, default) for name, default in DEFAULT_CROWD.items()}
+    radius_m, min_people = definition["radius_m"], definition["min_people"]
+    if type(radius_m) not in (int, float) or not 0.0 < radius_m < float("inf"):
+        raise ValueError(f"the recorded crowd_definition.radius_m is {radius_m!r}; allowed: metres above 0")
+    if type(min_people) is not int or min_people < 1:
+        raise ValueError(
+            f"the recorded crowd_definition.min_people is {min_people!r}; allowed: a whole number from 1 on"
+        )
+    return definition
 
 
 def timed_frame(instant: Instant) -> Frame | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,10 @@ def cell_sampling(
 
 def mission_groups(recording: Recording) -> dict[str, str]:
     """Scenario and season of a simulated mission; nothing for other recordings."""
-    scenario = (recording.manifest.get("simulation") or {}).get("scenario") or {}
+    scenario: Any = recording.manifest
+    for key in ("simulation", "scenario"):
+        scenario = scenario.get(key) if isinstance(scenario, dict) else None
+    if not isinstance(scenario, dict):
+        return {}
     named = {"scenario": scenario.get("name"), "season": scenario.get("season")}
     return {name: str(value) for name, value in named.items() if value}
