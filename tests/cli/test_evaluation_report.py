@@ -59,8 +59,9 @@ def test_table_and_page_say_the_same_and_of_how_many(report: Path) -> None:
     done = crowdfence(*ARGUMENTS, "--or-b-threshold", "0.7")
     assert done.returncode == 0, done.stderr
     scores = json.loads((report / "scores.json").read_text())["scores"]
-    assert f"{scores[0]['safety']['people']:,} counts" in done.stdout
-    assert f"{scores[0]['safety']['people']:,} counts" in (report / "index.html").read_text()
+    people, moments = (scores[0]["safety"][name] for name in ("people", "moments"))
+    assert f"{people:,} counts at {moments} moments" in " ".join(done.stdout.split())
+    assert f"{people:,} counts, at {moments} moments, of people" in (report / "index.html").read_text()
     # Nothing says in which range recorded heatmaps are good; all were told to be in a tested one.
     for told in (done.stdout, (report / "index.html").read_text()):
         assert "In range: as 5 m, for no range is known that the heatmaps are good in" in told

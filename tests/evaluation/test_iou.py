@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.iou import IouAccumulator, mean_iou
+from crowdfence.evaluation.iou import IouAccumulator, MeanIou, instants_left_out, mean_iou
 
 Flags = NDArray[np.bool_]
 
@@ -116,3 +116,14 @@ def test_against_sets(sequence: tuple[Flags, Flags, Flags]) -> None:
         called, crowd = set(np.flatnonzero(prediction)) & seen, set(np.flatnonzero(truth)) & seen
         expected.append(len(called & crowd) / len(called | crowd) if called | crowd else np.nan)
     np.testing.assert_allclose(mean_iou(*sequence).per_frame, expected)
+
+
+def test_instants_that_are_in_no_mean_are_told() -> None:
+    """A mean of few instants stood beside one of many, and nothing told them apart."""
+    nan = np.nan
+    some = MeanIou(0.5, 0.0, np.array([nan, nan, 0.5]))
+    every = MeanIou(0.2, 0.2, np.array([0.0, 0.0, 0.6]))
+    assert instants_left_out([("or", every), ("paper", every)]) == ""
+    assert instants_left_out([("evidence", some), ("or", every)]) == (
+        "Of 3 instants those without crowd in both map and truth are in no mean IoU: evidence 2, or 0."
+    )

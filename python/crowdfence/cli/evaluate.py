@@ -26,7 +26,7 @@ from crowdfence.cli.option_sets import (
 from crowdfence.cli.options import OR, PAPER
 from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_unused
-from crowdfence.cli.wording import in_options
+from crowdfence.cli.wording import counted, in_options
 from crowdfence.config import (
     LinearPoolConfig,
     LogPoolConfig,
@@ -364,6 +364,7 @@ def _safety_json(safety: Safety) -> dict[str, Any]:
         "buffers_m": list(BUFFERS_M),
         **{name: [_known(share) for share in shares.tolist()] for name, shares in per_buffer.items()},
         "on_empty": _known(safety.share_on_empty),
+        "moments": safety.moments,
         "people": safety.people,
         "people_in_range": safety.people_in_range,
     }
@@ -380,6 +381,8 @@ def _print(
 ) -> None:
     """`counts` are those of heatmap cells, called crowd `above` that value."""
     from rich.table import Table
+
+    from crowdfence.evaluation.iou import instants_left_out
 
     out = console.stdout()
     table = Table(
@@ -402,6 +405,8 @@ def _print(
             number(best.mean),
         )
     out.print(table)
+    if skipped := instants_left_out([(_label(row.config), row.iou) for row in scores]):
+        out.print(skipped)
     out.print(_safety_table(scores))
     if any(row.layer is not None for row in scores):
         out.print(_layer_table(scores))
@@ -450,13 +455,14 @@ def _safety_table(scores: list[Score]) -> Table | str:
 
     from crowdfence.evaluation.safety import BUFFERS_M
 
-    counted = scores[0].safety  # all methods are asked about the same people
-    if counted is None:
+    asked = scores[0].safety  # all methods are asked about the same people
+    if asked is None:
         return ""
-    if (people := counted.people) == 0:
+    if (people := asked.people) == 0:
         return "\nNobody of a crowd stood on ground in view: how many would be missed is not known."
     table = Table(
-        title=f"\nPeople of crowds in view, {people:,} counts: who stands in a zone and its buffer",
+        title=f"\nPeople of crowds in view, {people:,} counts at {counted(asked.moments, 'moment')}: who "
+        "stands in a zone and its buffer",
         title_justify="left",
         title_style="bold",
         box=None,
@@ -493,9 +499,9 @@ def _layer_table(scores: list[Score]) -> Table:
     for row in scores:
         if row.layer is None:
             continue
-        quality, counted = row.layer.quality, row.layer
+        quality, called = row.layer.quality, row.layer
         means = [f"{one:.3f}" for one in (quality.average_precision, quality.brier)]
-        shares = [counted.precision, counted.recall, counted.share_of_people_on_called]
+        shares = [called.precision, called.recall, called.share_of_people_on_called]
         table.add_row(_label(row.config), *means, f"{quality.calibration_error:.4f}", *map(percent, shares))
     return table
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import zip_longest
 from typing import Literal, NamedTuple, get_args
 
@@ -21,6 +21,19 @@ class MeanIou(NamedTuple):
     """Population standard deviation (ddof 0) over the same frames."""
     per_frame: NDArray[np.float64]
     """[T]; NaN for a frame that was skipped."""
+
+
+def instants_left_out(named: Sequence[tuple[str, MeanIou]]) -> str:
+    """One sentence on how many instants are in no mean, by name; nothing where all count. Means of which
+    others are left out are of other instants: a false alarm makes an instant without crowd count as 0."""
+    skipped = {name: int(np.count_nonzero(np.isnan(iou.per_frame))) for name, iou in named}
+    if not any(skipped.values()):
+        return ""
+    each = ", ".join(f"{name} {count:,}" for name, count in skipped.items())
+    return (
+        f"Of {len(named[0][1].per_frame):,} instants those without crowd in both map and truth are in no "
+        f"mean IoU: {each}."
+    )
 
 
 class IouAccumulator:

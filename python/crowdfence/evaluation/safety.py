@@ -92,6 +92,7 @@ class Safety:
     """Sums over the moments that were counted; the shares are properties. Arrays have one value per
     buffer."""
 
+    moments: int = 0
     people: int = 0
     people_in_range: int = 0
     people_on_empty: int = 0
@@ -114,6 +115,7 @@ class Safety:
     def add_zone(self, crowds: CrowdsInView, zone: Cells, size_m: float) -> None:
         """The same for columns that are closed, without a word about what is called empty."""
         inside = distance_m(crowds.people, zone, size_m)[:, None] <= np.array(BUFFERS_M)
+        self.moments += 1
         self.people += len(crowds.people)
         self.people_in_range += int(np.count_nonzero(crowds.in_range))
         self.in_zone += inside.sum(axis=0)

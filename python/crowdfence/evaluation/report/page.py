@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdfence.atomic_folder import whole_folder
+from crowdfence.evaluation.iou import instants_left_out
 from crowdfence.evaluation.report.plots import DRAWN, MOST_COST, OF_LAYERS, write_plots
 from crowdfence.evaluation.safety import BUFFERS_M
 from crowdfence.evaluation.text_table import percent, threshold_number
@@ -106,7 +107,7 @@ def _page(
             "spare, across each of the largest crowds in view."
         ),
         _table("Map", _map(names, scores)),
-        _paragraph(_MAP_LEGEND),
+        _paragraph(_map_legend(names, scores)),
         *_knobs(names, knobs),
         *doubts,
     ]
@@ -142,7 +143,8 @@ def _counted(scores: list[Score], range_known: bool) -> str:
     safety = scores[0].safety
     assert safety is not None
     in_range = f" ({safety.people_in_range:,} of them in range)" if range_known else ""
-    return f"{safety.people:,} counts{in_range}"
+    moments = f"{safety.moments:,} moment{'' if safety.moments == 1 else 's'}"
+    return f"{safety.people:,} counts{in_range}, at {moments},"
 
 
 def _layer_page(
@@ -163,7 +165,7 @@ def _layer_page(
             "second."
         ),
         _table("Map", _map(names, scores)),
-        _paragraph(_MAP_LEGEND),
+        _paragraph(_map_legend(names, scores)),
         f'<div class="plots">{pictures}</div>',
         _table("Ground at or above the threshold", _found(names, scores)),
         _paragraph(
@@ -310,6 +312,12 @@ _MAP_LEGEND = (
     "very recording, so an upper bound. Average precision ranks by the probability, for <code>or</code> by "
     "the highest value so far. The calibration error is that of 15 equal bins."
 )
+
+
+def _map_legend(names: list[str], scores: list[Score]) -> str:
+    skipped = instants_left_out([(name, row.iou) for name, row in zip(names, scores, strict=True)])
+    return f"{_MAP_LEGEND} {escape(skipped)}".rstrip()
+
 
 _HEAD = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>TITLE</title>
