@@ -1,6 +1,7 @@
 """Models that see pictures of unknown scale at several sizes: what was measured is what the written model
 does."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,11 @@ from PIL import Image
 
 from crowdfence import Detector
 from crowdfence.calibration.calibrate import calibrate_model, plan_for
-from crowdfence.calibration.correction import line
-from crowdfence.calibration.logit_counts import cell_logits
-from crowdfence.calibration.model_file import about_after
+from crowdfence.calibration.choice import calibrate
+from crowdfence.calibration.correction import LogitMap, line
+from crowdfence.calibration.logit_counts import cell_logits, logit_counts
+from crowdfence.calibration.model_file import about_after, calibrated_contract, sizes_before
+from crowdfence.detector.contract.contract import Contract
 from crowdfence.evaluation.labelled_missions import MeasurementPlan
 from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rectangle
 from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
@@ -67,3 +70,23 @@ def test_figures_of_photographs_go_where_the_correction_moves_one_half() -> None
     about = {"marks": "ground", "photographs": {"mean_recall": 0.66}}
     assert about_after(about, line("temperature", 0.5)) == about
     assert about_after(about, line("scale and bias", 1.0, 0.3)) == {"marks": "ground"}
+
+
+def test_what_joins_the_sizes_is_undone_however_often_a_model_was_calibrated() -> None:
+    """A training that starts from a model without its corrections kept what the first of three had moved."""
+
+    def calibrated(before: Contract, chosen: LogitMap) -> Contract:
+        done = replace(calibrate({"a": counts}), chosen=chosen)
+        return calibrated_contract(before, done, None, None, 0.6)
+
+    values, crowd = np.array([[0.2, 0.8]]), np.array([[False, True]])
+    counts = logit_counts(values, crowd)
+    first = Contract.from_json(contract("logits", sizes=SIZES))
+    model = first
+    for scale, bias in ((2.0, 0.5), (0.8, -0.3), (1.5, 0.1)):
+        model = calibrated(model, line("scale and bias", scale, bias))
+    assert model.sizes is not None and first.sizes is not None
+    # The weights add up to 2: of scale s and bias c, b becomes s b - c.
+    assert model.sizes.bias == pytest.approx(1.5 * (0.8 * (2.0 * -1.0 - 0.5) + 0.3) - 0.1)
+    undone = sizes_before(model)
+    assert undone is not None and undone.bias == pytest.approx(first.sizes.bias)

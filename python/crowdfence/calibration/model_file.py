@@ -56,7 +56,7 @@ def calibrated_contract(
     by_graph = contract.output.kind == "logits" or not calibration.chosen.is_line
     document = {"temperature": 1.0 if by_graph else 1.0 / calibration.chosen.scale, **document}
     if contract.calibration is not None:
-        document["earlier"] = {key: old for key, old in contract.calibration.items() if key != "earlier"}
+        document["earlier"] = contract.calibration  # with those before it, all of which moved the sizes
     completed = replace(
         with_measured_rates(contract, rates, settings),
         sizes=_sizes_after(contract.sizes, calibration.chosen),
@@ -91,9 +91,10 @@ def _sizes_after(sizes: PictureSizes | None, chosen: LogitMap) -> PictureSizes |
 def sizes_before(contract: Contract) -> PictureSizes | None:
     """`_sizes_after` undone, for a network without the corrections that `contract` tells of. A curve left
     what joins the maps as it was."""
-    sizes, done = contract.sizes, contract.calibration or {}
-    for correction in (done, done.get("earlier") or {}):
+    sizes, correction = contract.sizes, contract.calibration
+    while correction:
         by_graph = correction.get("in_graph") or {}
+        correction = correction.get("earlier")
         if sizes is None or sizes.weights is None or "scale" not in by_graph:
             continue
         moved = by_graph["bias"] * (1.0 - sum(sizes.weights))

@@ -29,7 +29,8 @@ from crowdfence.labelled_pictures.coco import annotation_file
 from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures
 from crowdfence.sources.recording import Frame
 
-_FORMAT = 6
+_FORMAT = 7
+"""Another one wherever labels are read or made otherwise: what is stored is not what it would be now."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
