@@ -346,6 +346,9 @@ def test_what_cannot_work_is_said_before_the_long_run(data: list[Path], tmp_path
     done = calibrate(good, [data[0], data[0]], tmp_path / "out.onnx")
     assert done.returncode == FAILED and "is given twice" in done.stderr
 
+    done = calibrate(good, data, good, "--force")
+    assert done.returncode == FAILED and "is read for this, and would be lost" in done.stderr
+
     (tmp_path / "out.crowdfence.json").write_text("{}")
     for model in (good, Path("crowdnet-s")):  # a shipped one goes by its name, as everywhere
         done = calibrate(model, data, tmp_path / "out.onnx")

@@ -96,7 +96,7 @@ def calibrate(
     model = model_path(model)
     detector = Detector(model)
     plan = plan_for(detector.contract, plan, **dict.fromkeys(given, True))
-    with replaceable_file(output, force=force, reads=data):
+    with replaceable_file(output, force=force, reads=[model, *data]):
         paths = options.recordings_in(data)
         frames = frames_looked_at(paths, every)
         with console.progress("calibrating", 2 * frames, "frames") as advance:
