@@ -72,3 +72,15 @@ def test_names_that_nobody_could_call_are_refused(tmp_path: Path, names: dict[st
     refused = pytest.raises(ValueError, match="need names that are not empty")
     with refused, live(tmp_path, plain(), CONFIG, **{"name": "live", **names}):
         raise AssertionError("it opened")
+
+
+def test_static_zones_are_after_a_restart_as_they_were_before_it(tmp_path: Path) -> None:
+    """They lay at height 0 until the next view came, wherever the ground is, and were told anew each time."""
+    told = []
+    for _ in range(3):
+        with running(tmp_path, static_zones=[hospital()]) as service, asked(service) as http:
+            if not told:
+                fly(service, 0, 10)
+            told.append(http.get("/api/v1/zones").json())
+    assert told[0]["zones"][-1]["ground"] == {"lower_m": 0.0, "upper_m": 1.0}, "a voxel is a metre high"
+    assert told[1] == told[0] and told[2] == told[0]

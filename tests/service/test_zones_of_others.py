@@ -72,7 +72,7 @@ def test_a_version_is_of_the_zones_and_of_no_process(tmp_path: Path) -> None:
 
 def test_where_there_are_none_nothing_is_left_out(tmp_path: Path) -> None:
     with running(tmp_path) as service, asked(service) as http:
-        fly(service, 6)
+        fly(service, 9)
         told = http.get("/api/v1/zones", params={"without_static": "*"}).json()
         assert (told["static_version"], told["static_left_out"]) == (None, False) and ids(told)
 

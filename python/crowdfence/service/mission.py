@@ -73,7 +73,6 @@ class Mission:
         self.ground = Ground(terrain)
         self.timeline = timeline
         self._static = tuple(static_zones)
-        self._static_digest = _digest(self._static)
         # Views pass the gate, recordings their reader: both judge clocks, and drones may be away for a day.
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)
@@ -90,6 +89,7 @@ class Mission:
         self.found: ZoneSet = self.loop.look_again(0)
         """The zones of the last step, or of a map that nobody saw; without what operators did."""
         self._unseen = self.found
+        self._static_digest = _digest(self.found.static)
         self._had_other_static = False
         self.listeners: list[OnMoment] = []
         self.lock = RLock()
@@ -215,7 +215,7 @@ class Mission:
         loop.restore(of_loop)
         state = json.loads(told)
         kept = zone_set_of_line(state["found"])
-        found = replace(kept, static=self._static)
+        found = replace(kept, static=self._unseen.static)  # on the ground, as those of a step
         operator_zones = self._no_operator_zones()
         operator_zones.restore(state["operator_zones"])
         still_video = StillVideo()
