@@ -37,7 +37,7 @@ describe("a stream", () => {
 
   it("is beside the page, also under the path of a proxy", () => {
     const end = opened();
-    expect(Line.all[0].address).toBe("wss://field.test/crowd/api/v1/stream");
+    expect(Line.all[0].address).toBe("wss://field.test/crowd/api/v1/stream?without_static=*");
     end();
   });
 
