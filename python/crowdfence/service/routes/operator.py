@@ -123,8 +123,8 @@ def _decide(
     with _answering(422 if action == "add" else 409):
         name = service.decide(user, action, zone, reason, **drawn)
     now = service.moment(None)
-    zone = next((one for one in now.zones.closed if one.id == name), None)
-    return {"id": name} if zone is None else zone_json(zone, now.marks.get(name, {}))
+    told = next((one for one in now.zones.closed if one.id == name), None)
+    return {"id": name} if told is None else zone_json(told, now.marks.get(name, {}))
 
 
 def _decide_drone(service: Service, user: User, action: DroneVerb, drone: str, reason: str) -> None:
