@@ -59,9 +59,10 @@ opengl: setup
 	  2>/dev/null || { SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); \
 	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq libegl1 libgl1-mesa-dri; }
 
-# A file of tests is run by one process: what its tests share is made once.
+# A file of tests is run by one process: what its tests share is made once. They start hundreds of commands, of which each
+# would compile the package anew where the environment says that Python keeps nothing.
 test-python: opengl page chromium
-	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 # Node comes with the locked Python packages and runs nothing but the build and the tests of the page.
 WEB  := $(filter-out web/node_modules/%,$(shell find web -path web/node_modules -prune -o -type f -print))

@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from crowdfence.georeference import Georeference, on_earth
 from crowdfence.sources.axes import optical_quaternions_enu
@@ -219,6 +218,8 @@ def _turned_to(
     anchor: Georeference, places: list[NDArray[np.float64]], quaternions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """East-north-up at the drone -> at the anchor: the planes lean, and north turns, with distance."""
+    from scipy.spatial.transform import Rotation
+
     here = _ecef_from_enu(np.radians(places[0]), np.radians(places[1]))
     there = _ecef_from_enu(np.radians(anchor.latitude_deg), np.radians(anchor.longitude_deg))
     finite = np.asarray(np.isfinite(quaternions).all(axis=1))

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.spatial.transform import Rotation, Slerp
 
 from crowdfence._core import Camera
 from crowdfence.sources.film.picture_reader import FilmPictures
@@ -131,6 +130,8 @@ def _peak(values: NDArray[np.float64], at: int) -> float:
 
 def _logged_rates(track: PoseTrack) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times [M] and how a distant point in the middle moves right and down, radians a second [M, 2]."""
+    from scipy.spatial.transform import Rotation, Slerp
+
     stamps_s = track.stamps_ns / 1e9
     if len(track) < 2 or stamps_s[-1] - stamps_s[0] < 3 * _STEP_S:
         raise ValueError("its motion cannot tell: the log is too short")

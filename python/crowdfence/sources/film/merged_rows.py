@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.geographic_track import HeightsAbove
@@ -37,6 +36,8 @@ class Turns:
 
     def at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """[M, 4] by slerp; NaN outside and in gaps."""
+        from scipy.spatial.transform import Rotation, Slerp
+
         inside = (time_s >= self.time_s[0]) & (time_s <= self.time_s[-1]) & _close(self.time_s, time_s)
         turns = Slerp(self.time_s, Rotation.from_quat(self.quaternions[:, [1, 2, 3, 0]]))
         found = np.full((len(time_s), 4), np.nan)
