@@ -10,8 +10,9 @@ from playwright.sync_api import Browser, BrowserContext, sync_playwright
 from support.map_page import SOFTWARE_GL, Console, Server, free_port, open_console, replay
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """One for each file: how far its mission is must not depend on the files before."""
     tokens = tmp_path_factory.mktemp("page") / "tokens.json"
     server = Server(tokens, free_port())  # known beforehand, so that it can be started there again
     if "CROWDFENCE_PICTURE" in os.environ:

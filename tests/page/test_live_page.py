@@ -240,6 +240,10 @@ def test_silence_makes_everything_old_also_for_who_comes_later(
 ) -> None:
     closed = {zone["id"] for zone in console.state("moment.zones.zones")}
     console.page.keyboard.press("Escape")
+    for _ in range(300):  # the map from above comes after the moment
+        if ground(console, "seen, empty") != "0 m²":
+            break
+        console.page.wait_for_timeout(150)
     assert ground(console, "seen, empty") != "0 m²"
     fleet.flying = set()
     console.wait("older_s", lambda older: older >= 11)
