@@ -3,9 +3,8 @@
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser
 
-from support.live_field import field_console, give_views, live_field
+from support.live_field import give_views, live_field
 from support.map_page import Console, Server
 
 
@@ -14,12 +13,6 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     with live_field(tmp_path_factory.mktemp("field")) as server:
         give_views(server, ["uav1"], count=4, every_s=0.4)
         yield server
-
-
-@pytest.fixture(scope="module")
-def console(browser: Browser, server: Server) -> Iterator[Console]:
-    with field_console(browser, server) as console:
-        yield console
 
 
 def test_what_was_closed_in_the_past_is_shown_as_closed(console: Console, server: Server) -> None:

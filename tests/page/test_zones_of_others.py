@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Request, WebSocket
+from playwright.sync_api import Request, WebSocket
 
-from support.live_field import field_console, give_views, live_field
+from support.live_field import give_views, live_field
 from support.map_page import Console, Server
 from support.served import ORIGIN
 
@@ -35,12 +35,6 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     with live_field(folder, "--static-zones", hospital(folder)) as server:
         give_views(server, ["uav1"], count=3, every_s=0.4)
         yield server
-
-
-@pytest.fixture(scope="module")
-def console(browser: Browser, server: Server) -> Iterator[Console]:
-    with field_console(browser, server) as console:
-        yield console
 
 
 def test_a_moment_has_those_that_the_page_was_told_before(console: Console, server: Server) -> None:

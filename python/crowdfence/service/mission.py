@@ -7,7 +7,6 @@ import secrets
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from hashlib import sha256
 from threading import RLock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -28,7 +27,7 @@ from crowdfence.service.recent_looks import RecentLooks
 from crowdfence.service.seen_columns import SeenColumns
 from crowdfence.service.timeline import Moment, Timeline
 from crowdfence.zones import Zone, ZoneSet
-from crowdfence.zones.history import history_line, zone_record, zone_set_of_line
+from crowdfence.zones.history import history_line, zone_set_of_line, zones_digest
 
 if TYPE_CHECKING:
     from crowdfence.pipeline.detect import HeatmapSource
@@ -89,7 +88,7 @@ class Mission:
         self.found: ZoneSet = self.loop.look_again(0)
         """The zones of the last step, or of a map that nobody saw; without what operators did."""
         self._unseen = self.found
-        self._static_digest = _digest(self.found.static)
+        self._static_digest = zones_digest(self.found.static)
         self._had_other_static = False
         self.listeners: list[OnMoment] = []
         self.lock = RLock()
@@ -228,7 +227,7 @@ class Mission:
         self._seen.begin_anew()
         self._seen.add(loop.crowd_map.seen_ids())
         # Builds of before kept the zones themselves.
-        had = state["static_digest"] if "static_digest" in state else _digest(kept.static)
+        had = state["static_digest"] if "static_digest" in state else zones_digest(kept.static)
         self._had_other_static = had != self._static_digest
         self._belief = None
         if state["number"]:
@@ -293,11 +292,3 @@ class Mission:
 
     def parameters(self) -> dict[str, Any]:
         return dict(self.config.parameters(self.loop.crowd_map))
-
-
-def _digest(zones: Sequence[Zone]) -> str:
-    """The same for the same zones: those of others may be thousands, and are in no snapshot."""
-    digest = sha256()
-    for zone in zones:
-        digest.update(json.dumps(zone_record(zone)).encode())
-    return digest.hexdigest()

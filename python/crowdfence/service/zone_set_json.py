@@ -3,16 +3,15 @@ them: they are made once, and left out for whoever has them."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from typing import Any
 
 from crowdfence.service.stamps import moment_json
 from crowdfence.service.timeline import Moment
 from crowdfence.service.zone_json import zone_json
 from crowdfence.zones import Zone
+from crowdfence.zones.history import zones_digest
 from crowdfence.zones.zone import are_same
 
 ANY_VERSION = "*"
@@ -31,10 +30,7 @@ class _Static:
     @staticmethod
     def of(zones: Sequence[Zone]) -> _Static:
         told = tuple(zone_json(zone, {}) for zone in zones)
-        digest = sha256()
-        for one in told:
-            digest.update(json.dumps(one).encode())
-        return _Static(tuple(zones), told, digest.hexdigest()[:16] if told else None)
+        return _Static(tuple(zones), told, zones_digest(zones)[:16] if told else None)
 
 
 class ZoneSetJson:

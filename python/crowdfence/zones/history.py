@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import json
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from hashlib import sha256
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -213,6 +214,14 @@ def _by_id(zones: ZoneSet | None) -> dict[str, Zone]:
 
 def _has_static_of(zones: ZoneSet, before: ZoneSet | None) -> bool:
     return before is not None and are_same(zones.static, before.static)
+
+
+def zones_digest(zones: Iterable[Zone]) -> str:
+    """The same for the same zones, in another process too."""
+    digest = sha256()
+    for zone in zones:
+        digest.update(json.dumps(zone_record(zone)).encode())
+    return digest.hexdigest()
 
 
 def zone_record(zone: Zone, before: Zone | None = None) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from crowdfence._core import Camera
 from crowdfence.sources.mission.camera_info import camera_from_info, rectified_camera
+from crowdfence.sources.mission.ros2_messages import time_ns
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, header_of
 from crowdfence.sources.ros_bag.topic_choice import (
@@ -20,7 +21,7 @@ from crowdfence.sources.ros_bag.topic_choice import (
     DroneTopics,
     transform_topics,
 )
-from crowdfence.sources.ros_bag.transforms import TransformTree, stamp_of
+from crowdfence.sources.ros_bag.transforms import TransformTree
 from crowdfence.sources.ros_bag.two_clocks import Arrivals
 
 Intrinsics = Camera | str
@@ -125,9 +126,9 @@ class BagContent:
                 for transform in found.transforms:
                     tree.add(transform, fixed=fixed)
             if found.transforms and not fixed:
-                self._take_arrival(message, stamp_of(found.transforms[0]))
+                self._take_arrival(message, time_ns(found.transforms[0].header.stamp))
             return
-        stamp_ns = stamp_of(found)
+        stamp_ns = time_ns(found.header.stamp)
         self._take_arrival(message, stamp_ns)
         self._take_frame(message.topic, found.header.frame_id.lstrip("/"))
         if kind == FIX:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.sources.axes import ENU_FROM_NED, FORWARD_LEFT_UP_FROM_FORWARD_RIGHT_DOWN
+from crowdfence.sources.mission.ros2_messages import time_ns
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.rotation import multiply, normalise, rotation_matrix
 
@@ -38,12 +39,6 @@ _ENU = ("map", "odom", "world", "enu")
 EARTH = ("earth", "utm")
 """Frames over a level world: Earth-centred (REP 105), and a grid that north is not quite up in."""
 _NED = re.compile(r"(?:^|[/_])ned$", re.IGNORECASE)
-
-
-def stamp_of(message: Any) -> int:
-    """Nanoseconds in the header of a decoded message."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def is_ned(frame: str) -> bool:
@@ -120,7 +115,7 @@ class TransformTree:
         if fixed:
             edge.told_fixed = position, quaternion
             return
-        edge.stamps_ns.append(stamp_of(transform))
+        edge.stamps_ns.append(time_ns(transform.header.stamp))
         edge.positions.append(position)
         edge.quaternions.append(quaternion)
 
