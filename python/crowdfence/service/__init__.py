@@ -13,7 +13,8 @@
 - `store`             SQLite: journal, snapshots, history, audit
 - `timeline` `media`  what was closed, what was believed and what was seen at earlier stamps
 - `ground` `belief`   the terrain and the crowd map from above, as bytes
-- `fleet` `zone_json` what is told of drones and of zones
+- `fleet` `zone_json` `zone_set_json`   what is told of drones and of zones; of those of others once
+- `static_zones_held` the other end of that, for the Python client
 - `operator_zones`    what operators closed, locked and opened
 - `left_out`          drones whose looks do not count, because an operator says that they see nothing
 - `alerts` `watch`    what somebody should look at, and what notices it
