@@ -30,6 +30,8 @@ CAMERA = Camera.pinhole(320, 240, 240.0, 240.0, 160.0, 120.0)
 """The field of view of `support.small_service`, in finer pixels: one drone alone is sure of what it sees."""
 MAGENTA = (20.0, 20.0, 40.0, 40.0)
 """West, south, east, north in local metres: what the base map shows there."""
+SIDE_OF_THE_GROUND = (156, 162, 166)
+"""As the light palette has it (`skirt`)."""
 
 
 class Fleet(threading.Thread):
@@ -195,6 +197,18 @@ def test_the_base_map_lies_where_its_coordinates_say(console: Console) -> None:
     console.page.keyboard.press("Home")
     assert console.complaints == []
     assert console.hosts == {console.server.url.removeprefix("http://")}
+
+
+def test_colours_of_the_map_are_those_of_the_page(console: Console) -> None:
+    """They were lit by lamps that nobody had set up: the map was a third darker than its legend."""
+    home = console.state("camera.target")
+    console.page.evaluate("location.hash = '#view=30,30,0,2,10,0'")  # a low look at the side of the ground
+    console.wait("camera.target", lambda target: target != home)
+    console.drawn(console.state("drapes") + 1)
+    picture = Image.open(io.BytesIO(console.find("map").screenshot())).convert("RGB")
+    side = (np.asarray(picture) == SIDE_OF_THE_GROUND).all(axis=-1)
+    console.page.keyboard.press("Home")
+    assert side.mean() > 0.01
 
 
 def test_a_drone_that_falls_silent_is_an_alarm(console: Console, fleet: Fleet, server: Server) -> None:

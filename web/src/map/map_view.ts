@@ -2,7 +2,6 @@
 
 import { COORDINATE_SYSTEM, Deck, type Layer } from "@deck.gl/core";
 import { PathLayer, ScatterplotLayer } from "@deck.gl/layers";
-import { SimpleMeshLayer } from "@deck.gl/mesh-layers";
 import type { Drone, Outline, Place, Zone } from "../api/contract";
 import { standingOf } from "../state/standing";
 import type { State, Store } from "../state/store";
@@ -17,6 +16,7 @@ import { listen } from "./gestures";
 import type { Heights } from "./heights";
 import { Kept } from "./kept";
 import { MOST_VERTICES, skirtMesh, terrainMesh, type Mesh } from "./terrain_mesh";
+import { UnlitMeshLayer } from "./unlit_mesh_layer";
 
 const ABOVE_GROUND_M = 0.7;
 /** Of the longer side of the ground, within bounds: walls say where, not how high. */
@@ -409,9 +409,9 @@ export class MapView {
     const meters = { coordinateSystem: COORDINATE_SYSTEM.CARTESIAN } as const;
     const sheet = layers.base ? this.surroundings.sheet : null;
     const drawn: (Layer | null)[] = [
-      sheet && new SimpleMeshLayer({ ...meters, id: "surroundings", data: [0], mesh: sheet.mesh as never, texture: sheet.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 2 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
-      new SimpleMeshLayer({ ...meters, id: "ground", data: [0], mesh: ground.mesh as never, texture: this.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 8 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255], material: false }),
-      new SimpleMeshLayer({ ...meters, id: "skirt", data: [0], mesh: ground.skirt as never, getPosition: () => [0, 0, 0], getColor: [...palette.skirt, 255], material: false, parameters: { cullMode: "none" }, updateTriggers: { getColor: state.theme } }),
+      sheet && new UnlitMeshLayer({ ...meters, id: "surroundings", data: [0], mesh: sheet.mesh as never, texture: sheet.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 2 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255] }),
+      new UnlitMeshLayer({ ...meters, id: "ground", data: [0], mesh: ground.mesh as never, texture: this.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 8 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255] }),
+      new UnlitMeshLayer({ ...meters, id: "skirt", data: [0], mesh: ground.skirt as never, getPosition: () => [0, 0, 0], getColor: [...palette.skirt, 255], parameters: { cullMode: "none" }, updateTriggers: { getColor: state.theme } }),
       layers.footprints ? this.paths("footprints", drones.filter((one) => one.footprint.length > 2), (one) => draped(one.footprint, ground.shown, ABOVE_GROUND_M), (one) => [...droneColour(palette, names, one.drone), standingOf(one) === "ok" ? 210 : 110], () => 1.5) : null,
       this.zoneLayer("own", own, ground.shown, chosen),
       this.zoneLayer("given", given, ground.shown, chosen),
@@ -466,7 +466,7 @@ export class MapView {
       const wall = this.wallMesh(name, group, heights);
       if (!wall) return [];
       return [
-        new SimpleMeshLayer({
+        new UnlitMeshLayer({
           id: `walls-${name}`,
           data: [0],
           mesh: wall as never,
@@ -474,7 +474,6 @@ export class MapView {
           coordinateSystem: COORDINATE_SYSTEM.CARTESIAN,
           getPosition: () => [0, 0, 0],
           getColor: [255, 255, 255],
-          material: false,
           parameters: { cullMode: "none", depthWriteEnabled: false },
         }),
       ];

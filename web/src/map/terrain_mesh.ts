@@ -11,13 +11,9 @@ export interface Mesh {
 }
 
 export function mesh(positions: number[] | Float32Array, texCoords: number[] | Float32Array, indices: number[]): Mesh {
-  const count = positions.length / 3;
-  const normals = new Float32Array(3 * count);
-  for (let k = 0; k < count; k++) normals[3 * k + 2] = 1;
   return {
     attributes: {
       positions: { value: Float32Array.from(positions), size: 3 },
-      normals: { value: normals, size: 3 },
       texCoords: { value: Float32Array.from(texCoords), size: 2 },
     },
     indices: { value: Uint32Array.from(indices), size: 1 },
