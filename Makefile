@@ -50,8 +50,9 @@ lint: setup
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest crowdfence._core
 
+# Compiled in few large pieces: the painting of columns is one function for every vector width, which small pieces slow down.
 test-rust:
-	cargo test --locked -p crowdfence
+	CARGO_INCREMENTAL=0 cargo test --locked -p crowdfence
 
 # The simulator renders through EGL; the two system packages are installed only if no context can be made.
 opengl: setup
