@@ -1280,14 +1280,20 @@ class CrowdMap:
         file cannot be read.
         """
 
-def write_octomap_binary(terrain: Terrain, ids: ArrayLike) -> bytes:
+def write_octomap_binary(terrain: Terrain, ids: ArrayLike, moved: tuple[int, int, int] = (0, 0, 0)) -> bytes:
     """OctoMap `.bt` file content: the voxels `ids` [N] of a terrain, occupied.
 
     CrowdfenceError for an id that does not exist, MapFileError for a grid index beyond the format's -32768 to
-    32767. The terrain's origin is not part of it.
+    32767. The terrain's origin is not part of it; `moved` [3] is how many voxels are added to each index.
     """
 
-def write_octomap_color(terrain: Terrain, ids: ArrayLike, colors: ArrayLike, probability: ArrayLike) -> bytes:
+def write_octomap_color(
+    terrain: Terrain,
+    ids: ArrayLike,
+    colors: ArrayLike,
+    probability: ArrayLike,
+    moved: tuple[int, int, int] = (0, 0, 0),
+) -> bytes:
     """OctoMap `.ot` file content (ColorOcTree) of the voxels `ids` [N] of a terrain.
 
     colors       [N, 3] uint8, red green blue
@@ -1295,7 +1301,7 @@ def write_octomap_color(terrain: Terrain, ids: ArrayLike, colors: ArrayLike, pro
 
     CrowdfenceError for an id that does not exist or an array of another shape, MapFileError for a probability
     out of bounds, an id given twice and a grid index beyond the format's -32768 to 32767. The terrain's
-    origin is not part of it.
+    origin is not part of it; `moved` [3] is how many voxels are added to each index.
     """
 
 def raised(height_m: ArrayLike, top_m: ArrayLike, voxel_size_m: float) -> NDArray[np.float32]:

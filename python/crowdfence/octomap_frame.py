@@ -1,7 +1,7 @@
 """Where an OctoMap of ours lies.
 
 An OctoMap's grid always starts at zero. Voxels are therefore moved by as many whole voxels as bring them to
-where they are (`in_place`): other programs find them within half a voxel of their local metres. What is left,
+where they are (`shift_of`): other programs find them within half a voxel of their local metres. What is left,
 how far they were moved, and the anchor of the local frame stand in a comment that every OctoMap reader skips:
 `# crowdfence {"origin_m": [x, y, z], "moved": [i, j, k], "anchor_wgs84": [lat, lon, height], ...}`.
 So do columns that nobody measured, as runs from south to north: `"unmeasured": [[i, first j, columns], ...]`.
@@ -42,23 +42,13 @@ class OctomapFrame(NamedTuple):
     """Columns of the tree that nobody measured: runs (i, first j, columns) [R, 3]."""
 
 
-def shift_of(terrain: Terrain) -> NDArray[np.int64]:
-    """Whole voxels [3] from the tree's zero to the terrain's grid; none where OctoMap's keys do not reach."""
+def shift_of(terrain: Terrain) -> tuple[int, int, int]:
+    """Whole voxels from the tree's zero to the terrain's grid; none where OctoMap's keys do not reach."""
     shift = np.rint(np.array(terrain.origin) / terrain.voxel_size_m).astype(np.int64)
     low, high = (terrain.bounds - np.array(terrain.origin)) / terrain.voxel_size_m
     if (low + shift < -LARGEST_KEY).any() or (high + shift > LARGEST_KEY).any():
-        return np.zeros(3, dtype=np.int64)
-    return shift
-
-
-def in_place(terrain: Terrain, ids: NDArray[np.int64]) -> tuple[Terrain, NDArray[np.int64]]:
-    """A terrain of the voxels `ids` [N] that lie where they are in the tree, and their ids in it."""
-    shift = shift_of(terrain)
-    if not shift.any():
-        return terrain, ids
-    indices = terrain.voxel_indices(ids) + shift
-    moved = Terrain.from_indices(indices, terrain.voxel_size_m)
-    return moved, moved.voxel_ids(indices)
+        return (0, 0, 0)
+    return int(shift[0]), int(shift[1]), int(shift[2])
 
 
 def moved_back(terrain: Terrain, frame: OctomapFrame) -> Terrain:
@@ -87,9 +77,9 @@ def described(terrain: Terrain) -> dict[str, Any]:
     """The frame of a terrain, as the comment holds it."""
     shift = shift_of(terrain)
     frame: dict[str, Any] = {"frame": "tree + origin_m = local east-north-up metres"}
-    frame["origin_m"] = (np.array(terrain.origin) - shift * terrain.voxel_size_m).tolist()
-    if shift.any():
-        frame |= {"moved": shift.tolist(), "grid_origin_m": list(terrain.origin)}
+    frame["origin_m"] = (np.array(terrain.origin) - np.array(shift) * terrain.voxel_size_m).tolist()
+    if shift != (0, 0, 0):
+        frame |= {"moved": list(shift), "grid_origin_m": list(terrain.origin)}
     if terrain.georeference is not None:
         anchor = terrain.georeference
         frame["anchor_wgs84"] = [anchor.latitude_deg, anchor.longitude_deg, anchor.height_m]

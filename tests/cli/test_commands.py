@@ -18,7 +18,7 @@ from crowdfence import CrowdMap, Terrain, VoxelState, _core, open_recording
 from crowdfence.cli.demo import RECORDING, serve_command
 from crowdfence.cli.evaluate import _rates
 from crowdfence.evaluation.cells.rates import Confusion
-from support.command_line import crowdfence
+from support.command_line import FEW_FILES, crowdfence
 from support.small_recordings import EPOCH_NS, STARTS, flight, ground, write_airsim, write_folder
 
 FAILED, USAGE, GATE_NOT_MET = 1, 2, 3
@@ -233,7 +233,9 @@ def test_a_plain_folder_runs_with_a_georeferenced_height_model(tmp_path: Path) -
         transform=transform,
     ) as raster:
         raster.write(np.full((300, 300), 1175.0, np.float32), 1)
-    done = crowdfence("run", recording, "-t", dem, "-o", tmp_path / "out", "--prior", 0.2, "--json")
+    done = crowdfence(
+        "run", recording, "-t", dem, *FEW_FILES, "-o", tmp_path / "out", "--prior", 0.2, "--json"
+    )
     assert done.returncode == 0, done.stderr
     terrain = json.loads(done.stdout)["terrain"]
     assert terrain["seen_voxels"] > 100
@@ -250,7 +252,9 @@ def test_the_map_that_a_run_leaves_is_the_terrain_of_its_crowd_map(tmp_path: Pat
     profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": crs, "transform": transform}
     with rasterio.open(dem, "w", width=300, height=300, **profile) as raster:
         raster.write(np.full((300, 300), 1175.0, np.float32), 1)
-    done = crowdfence("run", recording, "-t", dem, "-o", tmp_path / "out", "--prior", 0.2)
+    done = crowdfence(
+        "run", recording, "-t", dem, "-o", tmp_path / "out", "--prior", 0.2, "--voxel-size-m", 2
+    )
     assert done.returncode == 0, done.stderr
     terrain = Terrain.open(tmp_path / "out" / "terrain.bt")
     assert terrain.origin[0] < -500.0
@@ -262,7 +266,7 @@ def test_options_of_the_map_reader_reach_it(tmp_path: Path) -> None:
     mesh = tmp_path / "plain.obj"
     corners = [(-600, -600), (600, -600), (600, 600), (-600, 600)]
     mesh.write_text("".join(f"v {x / 10} {y / 10} -2.5\n" for x, y in corners) + "f 1 2 3\nf 1 3 4\n")
-    common = ("run", recording, "-t", mesh, "--prior", 0.2, "--json", "--voxel-size-m", 5)
+    common = ("run", recording, "-t", mesh, *FEW_FILES, "--prior", 0.2, "--json", "--voxel-size-m", 5)
     done = crowdfence(*common, "-o", tmp_path / "out", "--terrain-option", "unit_m=10")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["terrain"]["voxel_size_m"] == 5.0

@@ -11,7 +11,7 @@ import pytest
 import rasterio
 from PIL import Image
 
-from support.command_line import crowdfence
+from support.command_line import FEW_FILES, crowdfence
 from support.small_recordings import EPOCH_NS, write_hovering
 
 SECOND = 1_000_000_000
@@ -36,7 +36,7 @@ def test_a_drone_that_comes_back_after_charging_has_its_newest_frames_in_the_map
     plain: Path, tmp_path: Path
 ) -> None:
     flown = write_hovering(tmp_path / "rec", {"uav1": [*FIRST, EPOCH_NS + 2 * HOUR, EPOCH_NS + 2 * HOUR + 1]})
-    done = crowdfence("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    done = crowdfence("run", flown, *FEW_FILES, "-t", plain, "--assume-local", "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["refused"] == [] and summary["frames"] == {"uav1": 6}
@@ -46,7 +46,7 @@ def test_a_drone_that_comes_back_after_charging_has_its_newest_frames_in_the_map
 def test_frames_days_later_are_left_out_until_an_option_takes_them(plain: Path, tmp_path: Path) -> None:
     late = [EPOCH_NS + 48 * HOUR, EPOCH_NS + 48 * HOUR + SECOND]
     flown = write_hovering(tmp_path / "rec", {"uav1": [*FIRST, *late]})
-    command = ("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out", "--force")
+    command = ("run", flown, *FEW_FILES, "-t", plain, "--assume-local", "-o", tmp_path / "out", "--force")
     done = crowdfence(*command)
     assert done.returncode == 0, done.stderr
     assert "jumps 48.00 h away from the 4 frames of this drone" in done.stderr
@@ -58,7 +58,7 @@ def test_frames_days_later_are_left_out_until_an_option_takes_them(plain: Path, 
 
 def test_two_drones_hours_apart_may_have_two_clocks(plain: Path, tmp_path: Path) -> None:
     flown = write_hovering(tmp_path / "rec", {"uav1": FIRST, "uav2": [EPOCH_NS + 2 * HOUR]})
-    command = ("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    command = ("run", flown, *FEW_FILES, "-t", plain, "--assume-local", "-o", tmp_path / "out")
     done = crowdfence(*command)
     (said,) = done.stderr.strip().splitlines()
     assert done.returncode == 1
@@ -74,7 +74,7 @@ def test_two_drones_an_hour_apart_with_a_pause_below_the_bound_are_doubted(
     # A frame a minute for 20 minutes; the pause is 40 min, which the bound of an hour lets pass.
     flights = {f"uav{n}": [EPOCH_NS + n * HOUR + k * 60 * SECOND for k in range(21)] for n in (1, 2)}
     flown = write_hovering(tmp_path / "rec", flights)
-    done = crowdfence("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    done = crowdfence("run", flown, *FEW_FILES, "-t", plain, "--assume-local", "-o", tmp_path / "out")
     assert done.returncode == 0
     assert (
         "uav2 begins 40 min after uav1 has ended; had they flown together, one clock would be 1 h off"
@@ -105,7 +105,7 @@ def test_cameras_below_the_map_are_told_as_such(tmp_path: Path) -> None:
     # The drone hangs at 40 m; the map says that the ground is at 50 m, as a geoid that was left out would.
     flown = with_crowd(write_hovering(tmp_path / "rec", {"uav1": FIRST}))
     ground = written_map(tmp_path / "high.tif", np.full((80, 80), 50.0))
-    done = crowdfence("run", flown, "-t", ground, "--assume-local", "-o", tmp_path / "out")
+    done = crowdfence("run", flown, *FEW_FILES, "-t", ground, "--assume-local", "-o", tmp_path / "out")
     assert done.returncode == 1
     assert done.stderr.strip() == (
         "error: no view saw the terrain within --max-range-m 300 m: the camera is below the map's ground in "
@@ -123,7 +123,7 @@ def test_a_camera_in_a_house_of_the_map_sees_nothing_and_fell_through_no_hole(tm
     heights = np.zeros((80, 80))
     heights[30:50, 30:50] = 60.0
     house = written_map(tmp_path / "house.tif", heights)
-    done = crowdfence("run", flown, "-t", house, "--assume-local", "-o", tmp_path / "out")
+    done = crowdfence("run", flown, *FEW_FILES, "-t", house, "--assume-local", "-o", tmp_path / "out")
     assert done.returncode == 1
     assert "no view saw the terrain" in done.stderr and "holes of the map" not in done.stderr
     assert "the camera is below the map's ground in 4 of 4 frames" in done.stderr
@@ -267,7 +267,7 @@ def turned_up(recording: Path, drone: str) -> Path:
 
 def test_cameras_that_look_at_the_sky_are_told_as_such(plain: Path, tmp_path: Path) -> None:
     flown = turned_up(write_hovering(tmp_path / "rec", {"uav1": FIRST}), "uav1")
-    done = crowdfence("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    done = crowdfence("run", flown, *FEW_FILES, "-t", plain, "--assume-local", "-o", tmp_path / "out")
     assert done.returncode == 1
     assert done.stderr.strip() == (
         "error: no view saw the terrain within --max-range-m 300 m: the camera looks above the horizon in 4 "
@@ -280,7 +280,7 @@ def test_a_drone_that_saw_no_ground_is_told_though_another_saw_some(plain: Path,
     flown = turned_up(write_hovering(tmp_path / "rec", {"uav1": FIRST, "uav2": FIRST}), "uav2")
     with (flown / "poses.csv").open("a") as poses:
         poses.write(f"uav3,{FIRST[0]},0,0,40,0,1,0,0\n")
-    done = crowdfence("run", flown, "-t", plain, "--assume-local", "-o", tmp_path / "out")
+    done = crowdfence("run", flown, *FEW_FILES, "-t", plain, "--assume-local", "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     told = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
     assert [one for one in told if one.startswith("uav1")] == []
@@ -359,7 +359,7 @@ def test_ten_bytes_of_a_recording_are_one_line(plain: Path, tmp_path: Path, comm
 def test_an_offset_with_its_unit_is_one_line(plain: Path, tmp_path: Path) -> None:
     flown = write_hovering(tmp_path / "rec", {"uav1": FIRST})
     options = ("--assume-local", "--terrain-option", "height_offset_m=48 m", "-o", tmp_path / "out")
-    done = crowdfence("run", flown, "-t", plain, *options)
+    done = crowdfence("run", flown, *FEW_FILES, "-t", plain, *options)
     assert done.returncode == 1
     assert done.stderr.strip() == f"error: {plain}: height_offset_m is '48 m'; it must be a number"
 
@@ -393,6 +393,6 @@ def test_options_of_other_recordings_are_named_as_they_were_given(
     plain: Path, tmp_path: Path, given: tuple[str, int], said: str
 ) -> None:
     flown = write_hovering(tmp_path / "rec", {"uav1": FIRST})
-    done = crowdfence("run", flown, "-t", plain, "--assume-local", *given, "-o", tmp_path / "out")
+    done = crowdfence("run", flown, *FEW_FILES, "-t", plain, "--assume-local", *given, "-o", tmp_path / "out")
     assert done.returncode == 1
     assert done.stderr.strip() == f"error: {flown} {said}"

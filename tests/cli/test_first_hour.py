@@ -25,7 +25,7 @@ from PIL import Image
 from crowdfence import Terrain, _core, open_recording
 from crowdfence.cli.demo import RECORDING as DEMO
 from crowdfence.cli.wording import counted
-from support.command_line import crowdfence
+from support.command_line import FEW_FILES, crowdfence
 from support.onnx_models import contract, write_endless_model, write_map_model
 from support.small_recordings import flight, ground, write_airsim, write_folder
 
@@ -132,7 +132,7 @@ def broken_folder(folder: Path, name: str) -> Path:
 )
 def test_the_real_reason_survives_when_nothing_can_be_used(tmp_path: Path, name: str, reason: str) -> None:
     folder = broken_folder(tmp_path / name, name)
-    done = crowdfence("run", folder, "-t", folder / "g.bt", *RECORDED, "-o", tmp_path / "out")
+    done = crowdfence("run", folder, "-t", folder / "g.bt", *FEW_FILES, *RECORDED, "-o", tmp_path / "out")
     assert done.returncode == 1 and len(done.stderr.strip().splitlines()) == 1
     assert reason in done.stderr
     assert "no view saw" not in done.stderr and "has no telemetry" not in done.stderr
@@ -228,7 +228,7 @@ def test_told_to_end_a_command_leaves_nothing_half_written(tmp_path: Path) -> No
 
 
 def test_a_library_that_cannot_be_loaded_is_one_line(tmp_path: Path) -> None:
-    """For want of memory, or of a library of the system: here the one that every height model is read with."""
+    """For want of memory, or of a library of the system: here the one that reads every height model."""
     dem = write_dem(tmp_path / "dem.tif")
     (tmp_path / "rasterio.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
     done = crowdfence("inspect", dem, PYTHONPATH=os.pathsep.join([str(tmp_path), *sys.path]))
@@ -268,7 +268,9 @@ def test_a_map_with_a_place_says_with_which_option_the_recording_gets_one(tmp_pa
     description = json.loads((folder / "recording.json").read_text())
     del description["georeference"]
     (folder / "recording.json").write_text(json.dumps(description))
-    done = crowdfence("run", folder, "-t", write_dem(tmp_path / "dem.tif"), *RECORDED, "-o", tmp_path / "o")
+    done = crowdfence(
+        "run", folder, "-t", write_dem(tmp_path / "dem.tif"), *FEW_FILES, *RECORDED, "-o", tmp_path / "o"
+    )
     assert "--origin LAT,LON,HEIGHT" in done.stderr and "--assume-local" in done.stderr
     assert "georeference=" not in done.stderr and "=True" not in done.stderr
 
@@ -279,7 +281,7 @@ def test_level_ground_has_a_stated_prior(tmp_path: Path) -> None:
     flat = np.stack(np.meshgrid(np.arange(-600.0, 600.0, 2.0), np.arange(-600.0, 600.0, 2.0)), -1)
     points = np.concatenate([flat.reshape(-1, 2), np.full((flat.size // 2, 1), -25.0)], axis=1)
     level = write_bt(tmp_path / "level.bt", Terrain.from_points(points, 2.0))
-    common = ("run", folder, "-t", level, *RECORDED, "-m", "paper", "--json")
+    common = ("run", folder, "-t", level, *FEW_FILES, *RECORDED, "-m", "paper", "--json")
     done = crowdfence(*common, "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)

@@ -115,6 +115,27 @@ def test_only_the_chosen_voxels_are_written() -> None:
     assert indices(read_back) == as_set(terrain.voxel_indices(ids))
 
 
+def test_voxels_are_written_as_many_voxels_away_as_is_said() -> None:
+    terrain = terrain_of(some_voxels())
+    ids = np.arange(terrain.voxel_count)
+    moved = (1000, -7, 3)
+    away = as_set(terrain.voxel_indices(ids) + moved)
+    assert indices(Terrain.from_octomap(_core.write_octomap_binary(terrain, ids, moved))) == away
+    colours, certain = np.zeros((len(ids), 3), np.uint8), np.ones(len(ids))
+    assert (
+        indices(Terrain.from_octomap(_core.write_octomap_color(terrain, ids, colours, certain, moved)))
+        == away
+    )
+
+
+@pytest.mark.parametrize("far", [1 << 15, (1 << 31) - 1, -(1 << 31)])
+def test_voxels_beyond_the_keys_of_the_format_are_refused(far: int) -> None:
+    """A sum beyond 32 bits must not come round to the other end of the world."""
+    terrain = terrain_of(np.array([[1, 1, 1], [-1, -1, -1]]))
+    with pytest.raises(ValueError, match="-32768"):
+        _core.write_octomap_binary(terrain, [0, 1], (0, far, 0))
+
+
 def test_our_colour_files_are_read_by_the_library(tmp_path: Path) -> None:
     terrain, path = terrain_of(some_voxels()), tmp_path / "crowd.ot"
     ids = np.arange(terrain.voxel_count)

@@ -6,6 +6,9 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
+FEW_FILES = ("--files", "frames.csv")
+"""Of a run whose pictures nobody looks at: they are half of its time."""
+
 
 def crowdfence(*arguments: object, columns: int = 120, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run `crowdfence ARGUMENTS` without colours on a terminal of so many columns; `variables` are added to

@@ -1,3 +1,4 @@
+use std::array;
 use std::borrow::Cow;
 use std::sync::{Arc, RwLock};
 
@@ -488,14 +489,16 @@ impl PyTerrain {
 /// OctoMap `.bt` file content: the voxels `ids` [N] of a terrain, occupied.
 ///
 /// CrowdfenceError for an id that does not exist, MapFileError for a grid index beyond the format's -32768 to
-/// 32767. The terrain's origin is not part of it.
+/// 32767. The terrain's origin is not part of it; `moved` [3] is how many voxels are added to each index.
 #[pyfunction]
+#[pyo3(signature = (terrain, ids, moved=(0, 0, 0)))]
 pub fn write_octomap_binary<'py>(
     py: Python<'py>,
     terrain: &PyTerrain,
     ids: &Bound<'py, PyAny>,
+    moved: (i32, i32, i32),
 ) -> PyResult<Bound<'py, PyBytes>> {
-    let voxels = voxels(&terrain.terrain, ids)?;
+    let voxels = voxels(&terrain.terrain, ids, moved)?;
     let bytes = released(py, || octomap::write_binary(&voxels, terrain.voxel_size_m())).map_err(refuse)?;
     Ok(PyBytes::new(py, &bytes))
 }
@@ -507,16 +510,18 @@ pub fn write_octomap_binary<'py>(
 ///
 /// CrowdfenceError for an id that does not exist or an array of another shape, MapFileError for a probability
 /// out of bounds, an id given twice and a grid index beyond the format's -32768 to 32767. The terrain's
-/// origin is not part of it.
+/// origin is not part of it; `moved` [3] is how many voxels are added to each index.
 #[pyfunction]
+#[pyo3(signature = (terrain, ids, colors, probability, moved=(0, 0, 0)))]
 pub fn write_octomap_color<'py>(
     py: Python<'py>,
     terrain: &PyTerrain,
     ids: &Bound<'py, PyAny>,
     colors: &Bound<'py, PyAny>,
     probability: &Bound<'py, PyAny>,
+    moved: (i32, i32, i32),
 ) -> PyResult<Bound<'py, PyBytes>> {
-    let voxels = voxels(&terrain.terrain, ids)?;
+    let voxels = voxels(&terrain.terrain, ids, moved)?;
     let colors = Array::<u8>::new(colors, "colors", &[Some(voxels.len()), Some(3)])?.to_vec()?;
     let colors: Vec<[u8; 3]> = colors.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
     let probability = Array::<f64>::new(probability, "probability", &[Some(voxels.len())])?.to_vec()?;
@@ -525,8 +530,16 @@ pub fn write_octomap_color<'py>(
     Ok(PyBytes::new(py, &bytes))
 }
 
-fn voxels(terrain: &Terrain, ids: &Bound<'_, PyAny>) -> PyResult<Vec<[i32; 3]>> {
-    Ok(terrain.indices_of(&checked_ids(terrain, ids)?))
+/// An index beyond what 32 bits hold is beyond the format too, which says so.
+fn voxels(terrain: &Terrain, ids: &Bound<'_, PyAny>, moved: (i32, i32, i32)) -> PyResult<Vec<[i32; 3]>> {
+    let mut voxels = terrain.indices_of(&checked_ids(terrain, ids)?);
+    let moved: [i32; 3] = moved.into();
+    if moved != [0; 3] {
+        for voxel in &mut voxels {
+            *voxel = array::from_fn(|axis| voxel[axis].saturating_add(moved[axis]));
+        }
+    }
+    Ok(voxels)
 }
 
 /// Heights [X, Y] of the middles of voxel columns, and of their highest points where these stand out.

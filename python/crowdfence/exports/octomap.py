@@ -23,7 +23,7 @@ from crowdfence.atomic_file import write_bytes
 from crowdfence.exports.colours import STATE_COLOURS, state_colours
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.iso_time import iso_utc
-from crowdfence.octomap_frame import annotated, described, in_place
+from crowdfence.octomap_frame import annotated, described, shift_of
 from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ def write_terrain_octomap(path: str | PathLike[str], terrain: Terrain) -> None:
     """
     from crowdfence import _core
 
-    moved, ids = in_place(terrain, np.arange(terrain.voxel_count, dtype=np.int64))
-    data = _core.write_octomap_binary(moved, ids)
+    every_id = np.arange(terrain.voxel_count, dtype=np.int64)
+    data = _core.write_octomap_binary(terrain, every_id, shift_of(terrain))
     write_bytes(path, annotated(data, described(terrain)))
 
 
@@ -66,8 +66,7 @@ def write_coloured_octomap(
             raise ValueError(f"{name} must have shape [{terrain.voxel_count}], got {list(array.shape)}")
     seen = np.flatnonzero((states != VoxelState.NEVER_SEEN) & (states != VoxelState.OCCLUDED))
     colours = state_colours(probabilities[seen], states[seen], description.threshold)
-    moved, ids = in_place(terrain, seen)
-    data = _core.write_octomap_color(moved, ids, colours, np.full(len(seen), OCCUPIED))
+    data = _core.write_octomap_color(terrain, seen, colours, np.full(len(seen), OCCUPIED), shift_of(terrain))
     write_bytes(path, annotated(data, described(terrain) | _meaning(description)))
 
 
