@@ -491,7 +491,7 @@ impl PyTerrain {
 /// CrowdfenceError for an id that does not exist, MapFileError for a grid index beyond the format's -32768 to
 /// 32767. The terrain's origin is not part of it; `moved` [3] is how many voxels are added to each index.
 #[pyfunction]
-#[pyo3(signature = (terrain, ids, moved=(0, 0, 0)))]
+#[pyo3(signature = (terrain, ids, moved=(0, 0, 0)), text_signature = "(terrain, ids, moved=(0, 0, 0))")]
 pub fn write_octomap_binary<'py>(
     py: Python<'py>,
     terrain: &PyTerrain,
@@ -512,7 +512,7 @@ pub fn write_octomap_binary<'py>(
 /// out of bounds, an id given twice and a grid index beyond the format's -32768 to 32767. The terrain's
 /// origin is not part of it; `moved` [3] is how many voxels are added to each index.
 #[pyfunction]
-#[pyo3(signature = (terrain, ids, colors, probability, moved=(0, 0, 0)))]
+#[pyo3(signature = (terrain, ids, colors, probability, moved=(0, 0, 0)), text_signature = "(terrain, ids, colors, probability, moved=(0, 0, 0))")]
 pub fn write_octomap_color<'py>(
     py: Python<'py>,
     terrain: &PyTerrain,
