@@ -23,12 +23,13 @@ from crowdfence.georeference import Georeference
 from crowdfence.service.inputs import Inputs
 from crowdfence.service.opening import live
 from crowdfence.service.ros.keys import TYPE_HASHES, RosKeys
-from crowdfence.service.ros.link import RosLink
+from crowdfence.service.ros.link import RosLink, static_topics
 from crowdfence.service.ros.poses import RosPoses
 from crowdfence.service.ros.topics import live_topics
 from crowdfence.service.service import Service
 from crowdfence.service.watch import Watch
 from crowdfence.sources.camera_mount import CameraMount
+from crowdfence.sources.ros_bag.topic_choice import DroneTopics
 from support.small_service import (
     CONFIG,
     DRONES,
@@ -286,8 +287,10 @@ def _marked(sample: Any, stamp_ns: int) -> bool:
     return bool(stamp.sec * SECOND_NS + stamp.nanosec == stamp_ns)
 
 
-@pytest.mark.parametrize("kind", ["rmw", "bridge"])
-def test_what_is_told_once_before_the_service_starts_is_heard(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "static"), [("rmw", "/tf_static"), ("bridge", "/tf_static"), ("rmw", "/uav1/tf_static")]
+)
+def test_what_is_told_once_before_the_service_starts_is_heard(tmp_path: Path, kind: str, static: str) -> None:
     """/tf_static and camera_info of nodes that came first: no view ever got a pose, and nobody said why."""
     (view,) = views(1, ("uav1",))
     body = level_body(20.0)
@@ -295,7 +298,7 @@ def test_what_is_told_once_before_the_service_starts_is_heard(tmp_path: Path, ki
 
     def before(node: Node) -> None:
         node.latch("/uav1/info", info_message(view))
-        node.latch("/tf_static", tf_message(0, "uav1/base", FRAME, body_from_camera))
+        node.latch(static, tf_message(0, "uav1/base", FRAME, body_from_camera))
 
     topics = ["drone=uav1,heatmap=/uav1/heatmap,info=/uav1/info,pose=/uav1/odom"]
     with fleet(tmp_path, kind, topics, before) as (node, service):
@@ -311,6 +314,14 @@ def test_what_is_told_once_before_the_service_starts_is_heard(tmp_path: Path, ki
         service.live.finish()
         known = service.fleet.last("uav1")
         assert known is not None and np.allclose(known.world_from_camera, view.world_from_camera, atol=1e-9)
+
+
+def test_fixed_transforms_are_asked_for_wherever_a_drone_may_tell_them() -> None:
+    of_all = ("/tf_static",)
+    assert static_topics(DroneTopics("a", camera="/image", tf="/tf")) == of_all
+    own = DroneTopics("a", camera="/uav1/front/image", pose="/mavros/uav1/odom", tf="/robot/tf")
+    places = ("/mavros", "/mavros/uav1", "/robot", "/uav1", "/uav1/front")
+    assert static_topics(own) == (*of_all, *(f"{place}/tf_static" for place in places))
 
 
 def test_zones_go_on_being_told_when_views_stop_and_damage_is_an_alert(tmp_path: Path) -> None:

@@ -102,10 +102,10 @@ class RosLink:
             if topic is None:
                 continue
             yield self._subscribed(session, topic, role, intake, fixed=topic.endswith("_static"))
-            if role == "tf":
-                yield self._subscribed(session, TF_STATIC, role, intake, fixed=True)
-        if one.pose and not one.tf and self.mount is None:
-            yield self._subscribed(session, TF_STATIC, "tf", intake, fixed=True)
+        if one.tf or (one.pose and self.mount is None):
+            for topic in static_topics(one):
+                if topic != one.tf:
+                    yield self._subscribed(session, topic, "tf", intake, fixed=True)
 
     def _subscribed(self, session: Any, topic: str, role: str, intake: Intake, *, fixed: bool) -> Any:
         from zenoh.ext import HistoryConfig, declare_advanced_subscriber
@@ -120,6 +120,17 @@ class RosLink:
         # Told once, perhaps before we came: publishers of ROS that are transient local keep it.
         history = HistoryConfig(detect_late_publishers=True)
         return declare_advanced_subscriber(session, key, heard, history=history)
+
+
+def static_topics(one: DroneTopics) -> tuple[str, ...]:
+    """Where fixed transforms of a drone may be told: to all at once, beside those that move, or above its
+    camera and its pose (/uav1/tf_static)."""
+    places = {"", (one.tf or "").rpartition("/")[0]}
+    for topic in (one.camera, one.heatmap, one.pose):
+        place = topic or ""
+        while place := place.rpartition("/")[0]:
+            places.add(place)
+    return tuple(place + TF_STATIC for place in sorted(places))
 
 
 class _Put:
