@@ -22,7 +22,7 @@ from crowdfence.service.service import Service
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.camera_info import is_rectified
 from crowdfence.sources.pose_noise import GivenNoise
-from crowdfence.sources.ros_bag.topic_choice import DroneTopics
+from crowdfence.sources.ros_bag.topic_choice import DroneTopics, places_above
 
 TF_STATIC = "/tf_static"
 _SOURCE_LINE = re.compile(r" at \S+\.rs:\d+\.")  # of the library, where it was built
@@ -127,9 +127,7 @@ def static_topics(one: DroneTopics) -> tuple[str, ...]:
     camera and its pose (/uav1/tf_static)."""
     places = {"", (one.tf or "").rpartition("/")[0]}
     for topic in (one.camera, one.heatmap, one.pose):
-        place = topic or ""
-        while place := place.rpartition("/")[0]:
-            places.add(place)
+        places |= places_above(topic or "")
     return tuple(place + TF_STATIC for place in sorted(places))
 
 

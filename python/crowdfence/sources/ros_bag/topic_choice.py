@@ -113,9 +113,15 @@ def _place(topic: str) -> str:
 
 def _is_of(static: str, one: DroneTopics) -> bool:
     """Whether a topic of fixed transforms lies beside those that move, or above the camera of a drone."""
-    place = _place(static)
-    above = (one.camera or one.heatmap or "").startswith(f"{place}/")
-    return bool(place) and (place == _place(one.tf or "") or above)
+    return _place(static) in {_place(one.tf or ""), *places_above(one.camera or one.heatmap or "")} - {""}
+
+
+def places_above(topic: str) -> set[str]:
+    """Namespaces that a topic lies in, from its own outwards, but for the outermost."""
+    places = set()
+    while topic := _place(topic):
+        places.add(topic)
+    return places
 
 
 def other_cameras(topics: Mapping[str, BagTopic], chosen: Sequence[DroneTopics]) -> list[str]:
