@@ -532,14 +532,9 @@ pub fn write_octomap_color<'py>(
 
 /// An index beyond what 32 bits hold is beyond the format too, which says so.
 fn voxels(terrain: &Terrain, ids: &Bound<'_, PyAny>, moved: (i32, i32, i32)) -> PyResult<Vec<[i32; 3]>> {
-    let mut voxels = terrain.indices_of(&checked_ids(terrain, ids)?);
     let moved: [i32; 3] = moved.into();
-    if moved != [0; 3] {
-        for voxel in &mut voxels {
-            *voxel = array::from_fn(|axis| voxel[axis].saturating_add(moved[axis]));
-        }
-    }
-    Ok(voxels)
+    let voxels = terrain.indices_of(&checked_ids(terrain, ids)?).into_iter();
+    Ok(voxels.map(|voxel| array::from_fn(|axis| voxel[axis].saturating_add(moved[axis]))).collect())
 }
 
 /// Heights [X, Y] of the middles of voxel columns, and of their highest points where these stand out.
