@@ -11,8 +11,12 @@ use crowdfence::{
 };
 use glam::{DMat3, DVec3};
 
-/// Of a build for tests, on open hills: half of what it was when this was written.
-const LEAST_RATIO: f64 = 12.0;
+/// Of a build for tests, on open hills: half of what it is. Without the fast way it would be 1.
+const LEAST_RATIO: f64 = 8.0;
+
+/// A painting is so short that whatever else the machine does can double the time of a few; a cast is as long as many.
+const PAINTINGS_PER_CAST: usize = 10;
+const CASTS: usize = 3;
 
 /// Cells along each side of the hills, of 0.5 m.
 const SIDE: usize = 600;
@@ -63,13 +67,10 @@ fn cpu_s() -> Option<f64> {
     Some(told.split(' ').next()?.parse::<f64>().ok()? * 1e-9)
 }
 
-fn least_cpu_s(look: impl Fn() -> Observation) -> Option<f64> {
-    let times = (0..3).map(|_| {
-        let start = cpu_s()?;
-        std::hint::black_box(look());
-        Some(cpu_s()? - start)
-    });
-    times.collect::<Option<Vec<f64>>>()?.into_iter().reduce(f64::min)
+fn cpu_s_of(look: impl Fn() -> Observation) -> Option<f64> {
+    let start = cpu_s()?;
+    std::hint::black_box(look());
+    Some(cpu_s()? - start)
 }
 
 #[test]
@@ -83,11 +84,19 @@ fn is_many_times_cheaper(name: &str, terrain: &Terrain) {
     let view = view();
     let projection = Projection::new(300.0, 0.0, Coverage::Rays).unwrap();
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let times = one_thread.install(|| {
-        let painted = least_cpu_s(|| project(&view, terrain, &projection))?;
-        Some((painted, least_cpu_s(|| project_by_rays(&view, terrain, &projection))?))
+    let (mut painted_s, mut cast_s) = (f64::INFINITY, f64::INFINITY);
+    let timed = one_thread.install(|| {
+        for _ in 0..CASTS {
+            for _ in 0..PAINTINGS_PER_CAST {
+                painted_s = painted_s.min(cpu_s_of(|| project(&view, terrain, &projection))?);
+            }
+            cast_s = cast_s.min(cpu_s_of(|| project_by_rays(&view, terrain, &projection))?);
+        }
+        Some(())
     });
-    let Some((painted_s, cast_s)) = times else { return };
+    if timed.is_none() {
+        return;
+    }
     let ratio = cast_s / painted_s;
     println!("{name}: painted {:.1} ms, cast {:.1} ms: {ratio:.1} x", 1e3 * painted_s, 1e3 * cast_s);
     assert!(
