@@ -280,6 +280,39 @@ def test_what_was_asked_of_a_named_map_is_not_dropped(tmp_path: Path, size: str)
     assert f"--voxel-size-m is {size}" in line
 
 
+def test_drones_that_lie_hours_apart_are_told(tmp_path: Path) -> None:
+    """As a run tells it, which refuses them; no zone of time is two and a half hours off another."""
+    folder = write_flight(tmp_path / "flight")
+    assert not [line for line in report(folder)["warnings"] if "clock" in line]
+    poses = (folder / "poses.csv").read_text()
+    late_ns = EPOCH_NS + 9_000_000 * MS
+    for picture in (folder / "heatmaps").glob("echo_*.png"):
+        stamp_ns = int(picture.stem.split("_")[1])
+        picture.rename(picture.with_name(f"echo_{stamp_ns - EPOCH_NS + late_ns}.png"))
+    lines = [line.split(",", 2) for line in poses.splitlines()]
+    (folder / "poses.csv").write_text(
+        "".join(
+            f"{drone},{int(stamp) - EPOCH_NS + late_ns if drone == 'echo' else stamp},{rest}\n"
+            for drone, stamp, rest in lines
+        )
+    )
+    # charlie's last frame is 650 ms after the epoch, echo's first two and a half hours.
+    (told,) = [line for line in report(folder)["warnings"] if "clock" in line]
+    assert "echo" in told and "8999 s after charlie" in told
+    shown = " ".join(inspect(folder).stderr.split())
+    assert "warning: " in shown and "the bound --max-jump-s is 3600 s. Is a clock wrong?" in shown
+
+
+def test_cameras_below_the_ground_are_told(recording: Path, tmp_path: Path) -> None:
+    """The plain is straight above them. Two of 25 frames have no pose, five lie beside the plain."""
+    side = np.arange(-59.5, 60.0)
+    east, north = (grid.ravel() for grid in np.meshgrid(side, side))
+    high = np.stack([east, north, np.full(east.shape, GROUND_M + HEIGHT_M + 30.5)], axis=-1)
+    terrain = write_octomap(tmp_path / "high.bt", Terrain.from_points(high, 1.0))
+    told = report(recording, "--terrain", terrain)["warnings"]
+    assert any("the camera is below the map's ground in 18 of 23 frames" in line for line in told), told
+
+
 def test_a_map_somewhere_else_is_reported(recording: Path) -> None:
     terrain = write_octomap(recording.parent / "away.bt", Terrain.from_points([[5000.5, 0.5, 0.5]], 1.0))
     content = report(recording, "--terrain", terrain)

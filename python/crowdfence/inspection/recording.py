@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crowdfence._core import Terrain
-from crowdfence.errors import FrameError
+from crowdfence.errors import FrameError, StampError
 from crowdfence.georeference import Georeference
 from crowdfence.inspection.camera import CameraReport, distinct_cameras
 from crowdfence.inspection.depth_agreement import DepthAgreement, depth_agreement
@@ -148,6 +148,7 @@ def inspect_recording(
             samples=options.sampled_instants,
             tell=tell,
         )
+    doubts = (*doubts, *_what_a_run_doubts(recording, terrain))
     told = options.terrain_options.get("georeference")
     tell("measuring flights")
     span = recording.span_ns
@@ -234,6 +235,19 @@ def _open_terrain(
         problem = str(error)
     below = TerrainBelow(str(path), given, TerrainReport.of(terrain), problem, reading.holes)
     return terrain, below, reading.doubts
+
+
+def _what_a_run_doubts(recording: Recording, terrain: Terrain | None) -> Iterator[str]:
+    """What `run` refuses or warns of before its first frame."""
+    from crowdfence.pipeline import check_clocks
+    from crowdfence.pipeline.under_ground import under_ground_line
+
+    try:
+        check_clocks(recording)
+    except StampError as error:
+        yield str(error)
+    if terrain is not None and (below := under_ground_line(terrain, recording.frames)) is not None:
+        yield below
 
 
 def _drone(
