@@ -88,13 +88,19 @@ def moving_tree(drone: str = DRONE) -> list[tuple[str, str, int, Any]]:
     return [*messages, ("/tf_static", TF, rows(drone)[0].stamp_ns, {"transforms": [fixed]})]
 
 
-def assert_same_frames(found: Any, drones: tuple[str, ...], tolerance: float) -> None:
+def assert_same_frames(
+    found: Any, drones: tuple[str, ...], tolerance: float, with_heatmaps: tuple[str, ...] | None = None
+) -> None:
+    """`with_heatmaps`: drones that have heatmaps, the others have none; None: all."""
     assert found.drones == drones and not found.refused
     expected = reference(drones).frames
     assert [(f.drone, f.stamp_ns) for f in found.frames] == [(f.drone, f.stamp_ns) for f in expected]
     for ours, theirs in zip(found.frames, expected, strict=True):
         assert np.allclose(ours.world_from_camera, theirs.world_from_camera, rtol=0, atol=tolerance)
-        assert np.array_equal(ours.heatmap(), theirs.heatmap())
+        if with_heatmaps is None or ours.drone in with_heatmaps:
+            assert np.array_equal(ours.heatmap(), theirs.heatmap())
+        else:
+            assert ours.pixels.heatmap is None
         one, other = ours.camera, theirs.camera
         assert (one.width, one.height, one.fx, one.fy) == (other.width, other.height, other.fx, other.fy)
         assert (one.cx, one.cy) == (other.cx, other.cy)
@@ -510,6 +516,32 @@ def test_a_second_camera_of_a_drone_is_not_left_out_in_silence(tmp_path: Path) -
     assert not any("left out" in warning for warning in alone.warnings)
 
 
+def test_heatmaps_of_a_drone_whose_pictures_were_not_recorded_are_its_own(tmp_path: Path) -> None:
+    """A drone beside it, which has pictures alone, was given them: its crowd stood under the other drone."""
+    seeing = [one for one in picture_messages("uav1", OPTICAL) if not one[0].endswith("heatmap")]
+    blind = [one for one in picture_messages("uav2", OPTICAL) if "image_raw" not in one[0]]
+    assert {one[0] for one in blind} == {"/uav2/heatmap", "/uav2/cam/camera_info"}
+    poses = [*camera_pose_messages("uav1"), *camera_pose_messages("uav2")]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", [*seeing, *blind, *poses]))
+    assert_same_frames(found, ("uav1", "uav2"), 1e-4, with_heatmaps=("uav2",))
+    assert not any("left out" in warning for warning in found.warnings)
+
+
+def test_heatmaps_that_may_be_of_either_drone_are_nobodys_and_told(tmp_path: Path) -> None:
+    messages: list[Any] = []
+    for drone in ("uav1", "uav2"):
+        messages += [
+            (topic.replace("/uav1/heatmap", "/detector/heatmap"), *rest)
+            for topic, *rest in picture_messages(drone, OPTICAL)
+            if topic != "/uav2/heatmap"
+        ]
+        messages += camera_pose_messages(drone)
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    assert all(frame.pixels.heatmap is None for frame in found.frames)
+    (told,) = [warning for warning in found.warnings if "left out" in warning]
+    assert told.startswith("/detector/heatmap: left out")
+
+
 def test_a_bag_without_a_camera_lists_what_is_there(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "flight", "sqlite3", camera_pose_messages(topic="/mavros/local_position/pose"))
     with pytest.raises(
@@ -619,6 +651,25 @@ def test_fixed_transforms_of_each_drone_beside_one_common_tf(tmp_path: Path) -> 
     )
     named = [*moving, lidar, ("/robot/tf_static", *static[1:])]
     assert_same_frames(open_recording(write_bag(tmp_path / "named", "mcap", named)), (DRONE,), 1e-4)
+
+
+def test_fixed_transforms_above_the_odometry_of_each_robot(tmp_path: Path) -> None:
+    """Whose cameras publish in namespaces of their own: nobody knew which mount was whose."""
+    drones = ("uav1", "uav2")
+    messages: list[Any] = []
+    topics = []
+    for drone in drones:
+        eye = f"eye{drone[-1]}"
+        pictures = [
+            (topic.replace(f"/{drone}/", f"/{eye}/"), *rest)
+            for topic, *rest in picture_messages(drone, OPTICAL)
+        ]
+        static = (f"/{drone}/tf_static", *static_mount(rows(drone)[0].stamp_ns)[1:])
+        messages += [*pictures, *odometry(drone), static]
+        camera = f"camera=/{eye}/cam/image_raw/compressed,info=/{eye}/cam/camera_info,heatmap=/{eye}/heatmap"
+        topics.append(f"drone={drone},{camera},pose=/{drone}/odom")
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages), topics=topics)
+    assert_same_frames(found, drones, 1e-4)
 
 
 def test_frames_of_their_own_that_are_called_alike(tmp_path: Path) -> None:

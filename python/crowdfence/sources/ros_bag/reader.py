@@ -41,7 +41,7 @@ from crowdfence.sources.ros_bag.topic_choice import (
     COMPRESSED,
     DroneTopics,
     guessed_topics,
-    other_cameras,
+    left_out,
     stated_topics,
     topic_list,
 )
@@ -133,10 +133,10 @@ class _Reader:
         for one in chosen:
             how = "taken by types and names" if self.guessed else "as stated"
             self.warnings.append(f"topics {how}: {one}; pose from {self.poses_from[one.drone]}")
-        if self.guessed and (others := other_cameras(self.bag.topics(), chosen)):
+        if self.guessed and (others := left_out(self.bag.topics(), chosen)):
             self.warnings.append(
                 f"{', '.join(others)}: left out, what they saw is not used; name each camera of a drone with "
-                "--topics drone=NAME,camera=..., and a name of its own"
+                "--topics drone=NAME,camera=... or heatmap=..., and a name of its own"
             )
         self.warnings += self.content.tree_warnings[:4]
         frames, refused = place_cameras(unplaced, tracks, self.limits)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from crowdfence.sources.ros_bag.bag_file import BagTopic
 
@@ -81,15 +82,20 @@ def stated_topics(texts: Sequence[str], topics: Mapping[str, BagTopic]) -> list[
 
 
 def guessed_topics(topics: Mapping[str, BagTopic]) -> list[DroneTopics]:
-    """One camera per drone: of the cameras that share a namespace, the one that has intrinsics. Empty when
-    nothing looks like a camera with a pose."""
+    """One camera per drone: of the cameras that share a namespace, the one that has intrinsics. Heatmaps
+    stand for pictures that were not recorded. Empty when nothing looks like a camera with a pose."""
     drones: dict[str, DroneTopics] = {}
-    for camera in _cameras(topics):
-        found = _around(camera, topics)
+    for eye in _eyes(topics):
+        found = _around(eye, topics)
         other = drones.get(found.drone)
         if other is None or (other.info is None and found.info is not None):
             drones[found.drone] = found
-    return [one for one in drones.values() if one.camera_pose or one.pose or one.tf or (one.fix and one.imu)]
+    placed = [
+        one for one in drones.values() if one.camera_pose or one.pose or one.tf or (one.fix and one.imu)
+    ]
+    # Heatmaps are of one camera: those that lie beside several are nobody's.
+    claims = Counter(one.heatmap for one in placed)
+    return [replace(one, heatmap=None) if claims[one.heatmap] > 1 else one for one in placed]
 
 
 def transform_topics(
@@ -112,8 +118,9 @@ def _place(topic: str) -> str:
 
 
 def _is_of(static: str, one: DroneTopics) -> bool:
-    """Whether a topic of fixed transforms lies beside those that move, or above the camera of a drone."""
-    return _place(static) in {_place(one.tf or ""), *places_above(one.camera or one.heatmap or "")} - {""}
+    """Whether a topic of fixed transforms lies beside those that move, or above camera or pose of a drone."""
+    above = {place for topic in (one.camera, one.heatmap, one.pose) for place in places_above(topic or "")}
+    return _place(static) in {_place(one.tf or ""), *above} - {""}
 
 
 def places_above(topic: str) -> set[str]:
@@ -124,10 +131,10 @@ def places_above(topic: str) -> set[str]:
     return places
 
 
-def other_cameras(topics: Mapping[str, BagTopic], chosen: Sequence[DroneTopics]) -> list[str]:
-    """Camera topics that were not chosen, such as the second one of a drone."""
-    taken = {one.camera for one in chosen}
-    return [camera for camera in _cameras(topics) if camera not in taken]
+def left_out(topics: Mapping[str, BagTopic], chosen: Sequence[DroneTopics]) -> list[str]:
+    """Topics of cameras and heatmaps that were not chosen, such as the second camera of a drone."""
+    taken = {topic for one in chosen for topic in (one.camera, one.heatmap)}
+    return [name for name in (*_cameras(topics), *_heatmaps(topics)) if name not in taken]
 
 
 def topic_list(topics: Mapping[str, BagTopic]) -> str:
@@ -177,8 +184,28 @@ def _cameras(topics: Mapping[str, BagTopic]) -> list[str]:
     return sorted(name for name in names if topics[name].type == COMPRESSED or name not in packed)
 
 
-def _around(camera: str, topics: Mapping[str, BagTopic]) -> DroneTopics:
-    drones = {_namespace(name) for name in _cameras(topics)}
+def _heatmaps(topics: Mapping[str, BagTopic]) -> list[str]:
+    return sorted(
+        name
+        for name, topic in topics.items()
+        if topic.type == IMAGE
+        and topic.count
+        and _HEATMAP.search(name.lower())
+        and not _NO_POSE.search(name.lower())
+    )
+
+
+def _eyes(topics: Mapping[str, BagTopic]) -> list[str]:
+    """Topics of cameras, and those of heatmaps that have intrinsics but no camera in their namespace."""
+    cameras = _cameras(topics)
+    seeing = {_namespace(name) for name in cameras}
+    known = {_namespace(name) for name, topic in topics.items() if topic.type == CAMERA_INFO and topic.count}
+    alone = known - seeing
+    return [*cameras, *(name for name in _heatmaps(topics) if _namespace(name) in alone)]
+
+
+def _around(eye: str, topics: Mapping[str, BagTopic]) -> DroneTopics:
+    drones = {_namespace(name) for name in _eyes(topics)}
     several = len(drones) > 1
 
     def nearest(
@@ -192,24 +219,28 @@ def _around(camera: str, topics: Mapping[str, BagTopic]) -> DroneTopics:
             and not _NO_POSE.search(name.lower())
             and not but.search(name.lower())
             and (named is None or named.search(name.lower()))
-            and not (several and _namespace(name) in drones - {_namespace(camera)})
+            and not (several and _namespace(name) in drones - {_namespace(eye)})
         ]
         # What is beside the camera is its own, before what another drone tells in a better message.
         return min(
             found,
-            key=lambda name: (-_shared(camera, name), kinds.index(topics[name].type), len(name), name),
+            key=lambda name: (-_shared(eye, name), kinds.index(topics[name].type), len(name), name),
             default=None,
         )
 
     infos = [name for name, topic in topics.items() if topic.type == CAMERA_INFO and topic.count]
-    near = [name for name in infos if _shared(camera, name) >= max(1, camera.count("/") - 2)]
+    near = [name for name in infos if _shared(eye, name) >= max(1, eye.count("/") - 2)]
     # That of a depth camera or of the other eye of a stereo pair lies beside the camera, not above it.
-    own = [name for name in near if camera.startswith(f"{_place(name)}/")]
+    own = [name for name in near if eye.startswith(f"{_place(name)}/")]
+    is_camera = eye in _cameras(topics)
+    if not is_camera and not own:
+        # Heatmaps may lie beside what tells of their camera, if there is one camera alone.
+        own = near if len(near) == 1 and not _NO_CAMERA.search(near[0].lower()) else []
     return DroneTopics(
-        _namespace(camera) or "drone",
-        camera=camera,
-        info=max(own, key=lambda name: _shared(camera, name), default=None),
-        heatmap=nearest((IMAGE,), named=_HEATMAP),
+        _namespace(eye) or "drone",
+        camera=eye if is_camera else None,
+        info=max(own, key=lambda name: _shared(eye, name), default=None),
+        heatmap=nearest((IMAGE,), named=_HEATMAP) if is_camera else eye,
         camera_pose=nearest((POSE,), named=re.compile("cam")),
         tf=nearest(TF_TYPES, but=re.compile("_static$")) or nearest(TF_TYPES),
         pose=nearest((ODOMETRY, *POSES)),
