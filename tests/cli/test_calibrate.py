@@ -21,7 +21,7 @@ from crowdfence.evaluation.model_quality import model_quality
 from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rectangle
 from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
 from support.command_line import crowdfence
-from support.onnx_models import contract, write_map_model
+from support.onnx_models import STRIDE, contract, write_map_model
 from support.small_recordings import (
     HEIGHT,
     WIDTH,
@@ -268,6 +268,28 @@ def test_a_model_that_needs_metres_per_pixel_says_what_pictures_lack(tmp_path: P
     detect = ("detect", pictures, "--detector", model, "-o", tmp_path / "out")
     assert "give them with --gsd-m" in crowdfence(*detect, columns=400).stderr
     assert crowdfence(*detect, "--gsd-m", "0.1").returncode == 0
+
+
+def test_metres_per_pixel_of_pictures_are_those_of_their_annotations(tmp_path: Path) -> None:
+    """A model of density counts people per square metre: .01 a pixel are 1 to the square metre at .1 m per
+    pixel, a crowd, and .0625 at .4 m, none (3 people in a disc of 2 m are .24)."""
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    everywhere, nowhere = (rectangle(0, 0, WIDTH, HEIGHT),), ()
+    marked = []
+    for name, gsd_m, crowds in (("near", 0.1, everywhere), ("far", 0.4, nowhere), ("unknown", None, nowhere)):
+        noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+        Image.fromarray(noise).save(pictures / f"{name}.png")
+        one = AnnotatedPicture(pictures / f"{name}.png", WIDTH, HEIGHT, np.empty((0, 4)), crowds, gsd_m=gsd_m)
+        marked.append(one)
+    write_coco(marked, pictures / ANNOTATIONS)
+    model = write_map_model(tmp_path / "m.onnx", contract("density"), scale=0.0, offset=0.01 * STRIDE**2)
+    done = crowdfence("model", "evaluate", model, "--data", pictures, "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["frames"] == 2 and report["quality"]["overall"]["iou"]["value"] == 1.0
+    (refused,) = report["refused"]
+    assert "unknown" in refused and "metres per pixel of its picture are unknown" in refused
 
 
 def test_a_map_beside_the_cameras_is_refused(data: list[Path], tmp_path: Path) -> None:

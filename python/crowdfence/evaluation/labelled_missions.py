@@ -68,19 +68,21 @@ class LabelledMission:
     ignore_of: MaskOf | None
     is_pictures: bool = False
     """Annotated pictures, which have neither poses nor a map."""
+    gsd_of: Callable[[Frame], float | None] | None = None
+    """Metres per pixel of annotated pictures; None where no annotation states them."""
 
     def heatmap(self, detector: Detector, frame: Frame, max_range_m: float) -> NDArray[Any]:
-        """What a detector gives on this mission: every part at the size that pose and map ask for, a picture
-        without a map at all sizes. FrameError when it fails."""
+        """What a detector gives on this mission: every part at the size that pose and map ask for, or the
+        annotations of a picture; a picture of unknown scale at all sizes. FrameError when it fails."""
         from crowdfence.pipeline import heatmap_source
 
-        if detector.needs_gsd and self.terrain is None:
+        if detector.needs_gsd and self.terrain is None and self.gsd_of is None:
             raise ValueError(
                 f"{detector.contract.name} needs metres per pixel, and {self.name} comes without a map that "
-                "tells them: take missions with maps (a model of boxes does without where its rule states "
-                "person_height_m)"
+                "tells them: take missions with maps, or pictures whose annotations state gsd_m (a model of "
+                "boxes does without where its rule states person_height_m)"
             )
-        return heatmap_source(detector, self.terrain, max_range_m).heatmap_of(frame)
+        return heatmap_source(detector, self.terrain, max_range_m, gsd_of=self.gsd_of).heatmap_of(frame)
 
     def ignored(self, frame: Frame) -> NDArray[np.bool_] | None:
         return None if self.ignore_of is None else self.ignore_of(frame)
@@ -108,7 +110,8 @@ class LabelledMissions:
             if is_labelled_pictures(path):
                 pictures = open_labelled_pictures(path)
                 self.doubts |= {f"{name}: {warning}": None for warning in pictures.recording.warnings}
-                yield LabelledMission(name, pictures.recording, None, pictures.crowd, pictures.ignored, True)
+                labels = pictures.crowd, pictures.ignored
+                yield LabelledMission(name, pictures.recording, None, *labels, True, pictures.gsd_m)
                 continue
             recording = _recorded(path)
             self.doubts |= {f"{name}: {warning}": None for warning in recording.warnings}
@@ -116,8 +119,8 @@ class LabelledMissions:
             with_map = with_maps or self.plan.target == "ground"
             terrain = self._terrain(name, recording) if with_map else None
             with _or_annotated(path):
-                labels = label_functions(self.plan.target, recording, terrain)
-            yield LabelledMission(name, recording, terrain, *labels)
+                of_frames = label_functions(self.plan.target, recording, terrain)
+            yield LabelledMission(name, recording, terrain, *of_frames)
 
     def _terrain(self, name: str, recording: Recording) -> Terrain | None:
         from crowdfence.pipeline import check_overlap, read_map

@@ -34,6 +34,8 @@ class LabelledPictures(NamedTuple):
     recording: Recording
     crowd: Callable[[Frame], NDArray[np.bool_]]
     ignored: Callable[[Frame], NDArray[np.bool_]]
+    gsd_m: Callable[[Frame], float | None] | None
+    """Metres per pixel of the picture of a frame, as its annotations state them; None: no picture has any."""
 
 
 def is_labelled_pictures(path: Path) -> bool:
@@ -55,7 +57,8 @@ def open_labelled_pictures(folder: Path) -> LabelledPictures:
     meaningless = f"{left_out}, so where they are nobody is; {_IMPORT}" if left_out else ""
     warnings = tuple(filter(None, (meaningless, painted_groups(pictures))))
     recording = Recording(folder.name, drones, frames, None, None, (), warnings, {PICTURES: str(file)}, {})
-    return LabelledPictures(recording, labels.crowd, labels.ignored)
+    states_gsd = any(picture.gsd_m is not None for picture in pictures)
+    return LabelledPictures(recording, labels.crowd, labels.ignored, labels.gsd_m if states_gsd else None)
 
 
 class _Labels:
@@ -70,6 +73,9 @@ class _Labels:
 
     def ignored(self, frame: Frame) -> NDArray[np.bool_]:
         return self.of(frame.drone, frame.stamp_ns).ignored
+
+    def gsd_m(self, frame: Frame) -> float | None:
+        return self._pictures[frame.stamp_ns].gsd_m
 
     def of(self, drone: str, stamp_ns: int) -> PictureLabels:
         if self._last is None or self._last[0] != stamp_ns:

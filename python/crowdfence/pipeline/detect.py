@@ -186,13 +186,15 @@ def heatmap_source(
     max_range_m: float,
     *,
     whole: bool = True,
+    gsd_of: Callable[[Frame], float | None] | None = None,
 ) -> HeatmapSource:
     """Who makes the heatmaps. None: they are taken as recorded. A `Detector` sees the pictures; where its
     model needs metres per pixel they come from the frame's pose and the terrain; a picture that shows nothing
     is refused (`blank_picture`). Any other function is called with the frame. A heatmap of either that shows
     nobody is refused beside such a picture.
 
-    `whole`: every look takes in all of its picture, whatever `Detector.far_every_s` says.
+    `whole`: every look takes in all of its picture, whatever `Detector.far_every_s` says. `gsd_of`: metres
+    per pixel of a whole picture for which there is no terrain, None where nobody knows them.
 
     ValueError when a terrain is needed and missing, TypeError for what is neither detector nor function.
     """
@@ -205,8 +207,10 @@ def heatmap_source(
             raise TypeError(f"detector is {quoted(detector)}; of a model it is Detector({quoted(detector)})")
         return HeatmapSource("function", _unless_blind(_refusing(detector)))
     watch, near_of = PictureWatch(detector.contract), None
-    if not detector.uses_gsd or (terrain is None and not detector.needs_gsd):
+    if not detector.uses_gsd or (terrain is None and gsd_of is None and not detector.needs_gsd):
         heatmap_of: HeatmapFunction = partial(_detect, detector, watch)
+    elif terrain is None and gsd_of is not None:
+        heatmap_of = partial(_detect_at_one_scale, detector, watch, gsd_of)
     elif terrain is not None:
         heatmap_of = partial(_detect_to_scale, detector, watch, terrain, max_range_m)
         if detector.far_every_s > 0.0 and not whole:
@@ -247,6 +251,15 @@ def describe_model(contract: Contract, path: Path | None, members: Sequence[Dete
 
 def _detect(detector: Detector, watch: PictureWatch, frame: Frame) -> Pixels:
     return _watched(watch, detector(_image(frame, watch)))
+
+
+def _detect_at_one_scale(
+    detector: Detector, watch: PictureWatch, gsd_of: Callable[[Frame], float | None], frame: Frame
+) -> Pixels:
+    gsd_m = gsd_of(frame)
+    if gsd_m is None and detector.needs_gsd:
+        raise FrameError(frame.drone, frame.stamp_ns, "the metres per pixel of its picture are unknown")
+    return _watched(watch, detector(_image(frame, watch), gsd_m=gsd_m))
 
 
 def _detect_to_scale(
