@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, expect
 
 from support.live_field import field_console, give_views, live_field
 from support.map_page import Console, Server
@@ -33,12 +33,12 @@ def decide(console: Console, reason: str) -> None:
 
 def test_a_blind_drone_is_left_out_and_everybody_sees_it(console: Console, server: Server) -> None:
     console.page.locator(".drone-row", has_text="uav2").locator("button.row").click()
-    assert console.find("drones").inner_text() == "2/2"
+    expect(console.find("drones")).to_have_text("2/2")
     decide(console, "rain on its lens")
     said = console.find("left-out")
     said.wait_for()
     assert "“rain on its lens”" in said.inner_text() and "a-operator" in said.inner_text()
-    assert console.find("drones").inner_text() == "1/2"
+    expect(console.find("drones")).to_have_text("1/2")
     row = console.page.locator(".drone-row", has_text="uav2").locator("small", has_text="left out")
     assert row.get_attribute("title") == "rain on its lens"
     console.wait("alerts", lambda alerts: "left_out" in [one["kind"] for one in alerts])
@@ -51,7 +51,7 @@ def test_a_blind_drone_is_left_out_and_everybody_sees_it(console: Console, serve
 def test_it_is_taken_in_again(console: Console, server: Server) -> None:
     decide(console, "it was wiped")
     console.find("left-out").wait_for(state="detached")
-    assert console.find("drones").inner_text() == "2/2"
+    expect(console.find("drones")).to_have_text("2/2")
     audit = server.ask("/audit")["entries"]
     assert [(one["action"], one["drone"], one["reason"]) for one in audit[:2]] == [
         ("take_in", "uav2", "it was wiped"),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, BrowserContext
+from playwright.sync_api import Browser, BrowserContext, expect
 
 from crowdfence.service.access import remove_token
 from support.live_field import give_views, live_field
@@ -96,7 +96,8 @@ def test_a_link_to_what_is_no_longer_kept_shows_what_is_closed_now(
     console = Console(context.new_page(), server)
     console.page.goto(f"{server.url}/#t=1000000000")
     assert [zone["id"] for zone in console.wait("moment.zones.zones")] == ["Z1"]
-    assert console.state("time.following") and console.find("mode").inner_text() == "NO DATA"
+    assert console.state("time.following")
+    expect(console.find("mode")).to_have_text("NO DATA")
 
 
 def test_the_card_of_a_drone_says_how_late_its_views_come(context: BrowserContext, server: Server) -> None:

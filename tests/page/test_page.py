@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, BrowserContext
+from playwright.sync_api import Browser, BrowserContext, expect
 
 from support.map_page import THREE_FRAMES, Console, Server, open_console
 
@@ -72,7 +72,7 @@ def test_the_map_shows_ground_crowd_and_what_was_not_cleared(console: Console) -
 
 def test_updates_arrive_by_themselves(console: Console) -> None:
     assert console.state("mode") == "replay"
-    assert console.find("mode").inner_text() == "REPLAYING"
+    expect(console.find("mode")).to_have_text("REPLAYING")
     first = int(console.state("moment.stamp_ns"))
     points = len(console.state("timeline.points"))
     console.wait("moment.stamp_ns", lambda stamp: int(stamp) > first)
@@ -131,7 +131,7 @@ def test_it_goes_back_in_time_and_plays_from_there(console: Console) -> None:
     console.page.mouse.click(track["x"] + 1, track["y"] + track["height"] / 2)
     console.wait("moment.stamp_ns", lambda stamp: stamp == first)
     assert console.find("past").is_visible()
-    assert console.find("mode").inner_text() == "PAUSED"
+    expect(console.find("mode")).to_have_text("PAUSED")
     console.find("play").click()
     console.wait("moment.stamp_ns", lambda stamp: int(first) < int(stamp) <= int(last))
     console.pause()
@@ -308,7 +308,7 @@ def test_it_comes_back_when_the_server_does(console: Console, server: Server) ->
     server.kill()
     console.wait("connected", lambda connected: connected is False)
     console.find("offline").wait_for()
-    assert console.find("mode").inner_text() == "OFFLINE"
+    expect(console.find("mode")).to_have_text("OFFLINE")
     assert console.state("moment.zones.zones"), "what was closed stays closed on the page"
     server.start()
     console.wait("connected")
