@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdfence.errors import one_line
+from crowdfence.exports.ros2.topics import TF_STATIC
 from crowdfence.service.poses import PoseFeed
 from crowdfence.service.ros.intake import Intake
 from crowdfence.service.ros.keys import RosKeys
@@ -24,7 +25,6 @@ from crowdfence.sources.mission.camera_info import is_rectified
 from crowdfence.sources.pose_noise import GivenNoise
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics, places_above
 
-TF_STATIC = "/tf_static"
 _SOURCE_LINE = re.compile(r" at \S+\.rs:\d+\.")  # of the library, where it was built
 
 
