@@ -634,6 +634,21 @@ def test_a_stated_take_off_far_from_where_the_drone_stood_is_told(
     )
 
 
+@pytest.mark.parametrize(
+    ("longitude", "lowest_m", "told"), [(8.0001, -38.4, True), (8.0001, -4.0, False), (8.001, -38.4, False)]
+)
+def test_a_home_that_was_set_in_the_air_is_told(
+    tmp_path: Path, longitude: float, lowest_m: float, told: bool
+) -> None:
+    """Heights counted from there, and were taken for those above the ground below it. 0.0001 degrees of
+    longitude are 7.7 m here; far from its home a drone may fly down a valley."""
+    block = "{0}\n00:00:0{0},000 --> 00:00:0{0},900\nHOME(8.0,46.5) \nGPS({1},46.5,19) BAROMETER:{2}\n\n"
+    text = block.format(1, 8.002, 3.0) + block.format(2, longitude, lowest_m)
+    poses = read_subtitles(srt(tmp_path, text)).poses(CameraMount.parse("north:-90"))
+    said = [one for one in local_track(poses, HeightOptions(), None).remarks if "set in the air" in one]
+    assert len(said) == told and all("it flew 38 m below its take-off right at it" in one for one in said)
+
+
 def test_a_mavic_2_writes_no_arrows_and_misspells(tmp_path: Path) -> None:
     text = "".join(
         f"{n}\n2017.08.05 14:11:5{n},393,525\n[latitude : -20.2533] [longtitude : 149.0251] [iso : 100]\n\n"

@@ -35,6 +35,7 @@ TAKE_OFF_UNKNOWN = (
 )
 """How it is told that a height may be wrong by how the ground rises from the take-off."""
 _SAME_PLACE_M = 50.0
+_BESIDE_M = 15.0
 _STARTED_M = 5.0
 """A first height above this says that the log begins in flight."""
 
@@ -185,7 +186,27 @@ def _contact(
             remarks.append(
                 f"the stated take-off lies {apart_m:.0f} m from {what}: of several drones it is that of all"
             )
+    if (lower_m := _below_take_off_m(poses, above, anchor, (x, y))) > _STARTED_M:
+        remarks.append(
+            f"it flew {lower_m:.0f} m below its take-off right at it: heights count from no ground, as after "
+            "a home that was set in the air, and what it saw is taken for that much nearer; use those above "
+            "the sea (--heights sea), or --ground-start where it begins on the ground"
+        )
     return GroundContact((x, y, z), said)
+
+
+def _below_take_off_m(
+    poses: GeographicPoses, above: HeightsAbove, anchor: Georeference, take_off: tuple[float, float]
+) -> float:
+    """How far below a take-off (local x, y) a camera was beside it, at most; negative: it was never so low,
+    or never there."""
+    height_m = np.asarray(poses.heights_m[above])
+    usable = np.isfinite(np.stack([poses.latitude_deg, poses.longitude_deg, height_m])).all(axis=0)
+    at = anchor.local_from_geodetic(
+        poses.latitude_deg[usable], poses.longitude_deg[usable], np.full(usable.sum(), anchor.height_m)
+    )
+    beside = np.hypot(at[:, 0] - take_off[0], at[:, 1] - take_off[1]) < _BESIDE_M
+    return -float(height_m[usable][beside].min(initial=np.inf))
 
 
 def _known_take_off(
