@@ -103,6 +103,17 @@ def test_circles_feet_texts_and_missing_limits(tmp_path: Path) -> None:
     assert feet.band == AltitudeBand(30.48, 76.2, "AGL")
     listed = {"formatVersion": "1.0.0", "UASZoneList": ed269()["features"]}
     assert [one.id for one in opened(tmp_path, listed)] == ["ABC1234"]
+    assert [one.id for one in opened(tmp_path, ed269()["features"])] == ["ABC1234"]  # as Austria's feed is
+
+
+def test_a_radius_beside_heights_in_feet_is_metres(tmp_path: Path) -> None:
+    """As in the national feed of Lithuania, whose circle of 5 NM has a radius of 9260 beside feet; read as
+    feet it closed a tenth of that ground."""
+    circle = {"type": "Circle", "center": [8.0, 46.5], "radius": 9260.0}
+    (zone,) = opened(tmp_path, ed269(uomDimensions="FT", upperLimit=24_000, horizontalProjection=circle))
+    assert zone.polygon.covers(shapely.Point(0.0, 0.0).buffer(5 * 1852.0, 1024))
+    assert zone.polygon.area == pytest.approx(np.pi * 9260.0**2, rel=4e-3)
+    assert zone.band.upper_m == pytest.approx(7315.2)
 
 
 def test_further_rings_of_ed269_open_nothing(tmp_path: Path) -> None:
@@ -381,6 +392,7 @@ BOW_TIE = [[8.0, 46.5], [8.001, 46.501], [8.001, 46.5], [8.0, 46.501], [8.0, 46.
         (ed318({"type": "LineString", "coordinates": SQUARE}), "LineString, which closes no ground"),
         ("{", "Expecting property name"),
         ("[]", "it is neither KML nor a JSON object with zones"),
+        ([{"type": "Feature", "geometry": None, "properties": {}}], "nor a JSON object with zones"),
         ("[" * 100_000, "nested too deeply"),
         ('{"type": "FeatureCollection", "features": [' * 5_000, "nested too deeply"),
         ({"type": "Polygon", "coordinates": [SQUARE[0]]}, "subscriptable"),

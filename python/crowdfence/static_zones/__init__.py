@@ -43,7 +43,7 @@ def open_static_zones(
         if data.removeprefix(BOM_UTF8).lstrip().startswith(b"<"):
             given = list(kml_zones(data, left_out))
         else:
-            document = _document(data)
+            document = _with_head(_document(data))
             given = list(_reader(document)(document, left_out))
         zones = local_zones(given, georeference, set() if taken is None else taken, left_out)
     except RecursionError as error:
@@ -67,6 +67,14 @@ def _document(data: bytes) -> Any:
         elif data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
             why = "it is text in UTF-16; save it in UTF-8"
         raise ValueError(f"it is neither KML nor JSON (ED-318, ED-269, GeoJSON): {why}") from error
+
+
+def _with_head(document: Any) -> Any:
+    """The feeds of Austria and Lithuania are the list of ED-269 alone, without what is around it in files."""
+    if isinstance(document, list) and document and isinstance(document[0], dict):
+        as_file = {"features": document}
+        return as_file if is_ed269(as_file) else document
+    return document
 
 
 def _reader(document: Any) -> Callable[[Any, list[str]], Iterator[GivenZone]]:

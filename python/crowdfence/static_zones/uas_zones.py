@@ -5,6 +5,9 @@ closed always. Zones that ask for an authorisation, or have conditions, are clos
 
 Rings of ED-269 beyond the first are areas of their own, as InterUSS reads them: others take them for holes,
 and a hole that may be none opens nothing. ED-318 is GeoJSON and has holes.
+
+Where ED-269 gives heights in feet, national files give the radius of a circle in metres all the same (5 NM is
+9260 there), and so do most programs; InterUSS takes feet for both. It is taken for metres, the larger one.
 """
 
 from __future__ import annotations
@@ -103,7 +106,8 @@ def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
             projection = geometry["horizontalProjection"]
             if projection["type"] == "Circle":
                 longitude, latitude = projection["center"][:2]
-                radius_m = metres(projection["radius"], unit) or 0.0
+                radius = float(projection["radius"] or 0.0)
+                radius_m = max(radius, metres(radius, unit) or 0.0)
                 yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m, title=title)
             else:
                 for ring in projection["coordinates"] or [[]]:
