@@ -270,6 +270,9 @@ def test_files_of_zones_that_stand_though_nobody_looks_name_no_end_that_is_over(
         ]
         assert len(periods) == 2 * zones
         assert not any("endDateTime" in period for (period,) in periods)
+        # `fence watch --expires` takes a zone out of the autopilot's fence at the end that its file names.
+        features = http.get("/api/v1/export?format=geojson").json()["features"]
+        assert [feature["properties"]["valid_until_ns"] for feature in features] == [None] * zones
         # What is asked of an earlier moment stays as it was.
         earlier = http.get(f"/api/v1/export?format=f3548&at={then_ns - 1}").json()["constraints"]
         assert all(one["reference"]["time_start"]["value"] < rfc3339(then_ns) for one in earlier)

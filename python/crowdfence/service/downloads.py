@@ -10,13 +10,14 @@ from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport
 from crowdfence.service.mission import Mission
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.timeline import Moment
+from crowdfence.service.zone_json import Marks
 from crowdfence.zones import ZoneSet
 
 _MEDIA = {"kml": ("kml", "application/vnd.google-earth.kml+xml"), "csv": ("csv", "text/csv")}
 _MEDIA["multidrone"] = _MEDIA["kml"]
 FORMATS = ("geojson", *ZONE_FORMATS)
 _TIMELESS = ("geojson", "qgc", "multidrone")
-"""Whoever reads these goes by what is in them, and looks at no times."""
+"""Whoever reads these goes by what is in them, and looks at no time from which on."""
 
 
 class NotPossible(ValueError):
@@ -38,8 +39,9 @@ def download(mission: Mission, moment: Moment, kind: str, now_ns: int, **how: An
         raise ValueError(f"format {kind!r} is none of {', '.join(FORMATS)}")
     is_timeless = kind in _TIMELESS
     holds_ns = max(moment.stamp_ns, now_ns) if moment is mission.newest else moment.stamp_ns
+    standing = _standing(moment.zones, holds_ns)
     zones, starts_ns = (
-        (passable(moment.zones, moment.marks), {}) if is_timeless else _later_too(moment, holds_ns)
+        (passable(standing, moment.marks), {}) if is_timeless else _later_too(standing, moment.marks)
     )
     if kind == "geojson":
         description = mission.description(moment.stamp_ns, None)
@@ -63,23 +65,28 @@ def download(mission: Mission, moment: Moment, kind: str, now_ns: int, **how: An
     return Download(f"zones-{kind}.{suffix}", media_type, ZONE_FORMATS[kind](export).encode())
 
 
-def _later_too(moment: Moment, holds_ns: int) -> tuple[ZoneSet, dict[str, int]]:
-    """With those that drones may pass for a while, and until when: a consumer that asks again in ten minutes
-    would have none of them for nine. Those that still stand at `holds_ns` have not ended before."""
-    ends_ns = {
-        name: int(mark["dismissed"]["until_ns"])
-        for name, mark in moment.marks.items()
-        if mark.get("dismissed")
-    }
-    standing = (
-        zone
-        if zone.valid_until_ns is None or zone.valid_until_ns > holds_ns
-        else replace(zone, valid_until_ns=None)
-        for zone in moment.zones
+def _standing(zones: ZoneSet, holds_ns: int) -> ZoneSet:
+    """Those that still stand at `holds_ns` have not ended before: they name no end that is over."""
+    return replace(
+        zones,
+        zones=tuple(
+            zone
+            if zone.valid_until_ns is None or zone.valid_until_ns > holds_ns
+            else replace(zone, valid_until_ns=None)
+            for zone in zones
+        ),
     )
+
+
+def _later_too(zones: ZoneSet, marks: Marks) -> tuple[ZoneSet, dict[str, int]]:
+    """With those that drones may pass for a while, and until when: a consumer that asks again in ten minutes
+    would have none of them for nine."""
+    ends_ns = {
+        name: int(mark["dismissed"]["until_ns"]) for name, mark in marks.items() if mark.get("dismissed")
+    }
     kept = tuple(
         zone
-        for zone in standing
+        for zone in zones
         if zone.id not in ends_ns or zone.valid_until_ns is None or zone.valid_until_ns > ends_ns[zone.id]
     )
-    return replace(moment.zones, zones=kept), ends_ns
+    return replace(zones, zones=kept), ends_ns
