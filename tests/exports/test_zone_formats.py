@@ -325,6 +325,7 @@ def test_no_sustained_flight_is_a_condition() -> None:
     ed318, ed269 = (json.loads(ZONE_FORMATS[name](export))["features"][0] for name in ("ed318", "ed269"))
     assert ed318["properties"]["type"] == "CONDITIONAL" and ed318["properties"]["restrictionConditions"]
     assert ed269["restriction"] == "CONDITIONAL"
+    assert ed269["message"] == ed318["properties"]["restrictionConditions"], "or nobody knows the condition"
 
 
 def test_ed269_has_longitude_first_and_both_outer_forms() -> None:

@@ -20,6 +20,8 @@ from crowdfence.exports.zone_formats.zone_export import ZoneExport
 from crowdfence.zones import Zone
 
 _RESTRICTIONS = {"prohibited": "PROHIBITED", "no_sustained_flight": "CONDITIONAL"}
+_MESSAGES = {"no_sustained_flight": {"message": "No sustained flight above the zone."}}
+"""For people: of `restrictionConditions` readers do not agree whether it is a text or a list."""
 
 
 def ed269(export: ZoneExport, *, as_list: bool = False) -> str:
@@ -47,6 +49,7 @@ def _zone(zone: Zone, export: ZoneExport) -> dict[str, Any]:
         "restriction": _RESTRICTIONS[zone.restriction],
         "reason": ["POPULATION" if zone.kind == "crowd" else "OTHER"],
         **other,
+        **_MESSAGES.get(zone.restriction, {}),
         "applicability": [{"permanent": "NO", "startDateTime": rfc3339(export.start_ns(zone)), **end}],
         "zoneAuthority": [{"name": export.authority[:200], "purpose": "INFORMATION", **email}],
         "geometry": [_geometry(part, zone, export) for part in polygons_of(export.outline(zone))],
