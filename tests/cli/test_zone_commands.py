@@ -24,7 +24,7 @@ from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.static_zones import read_static_zones
 from crowdfence.zones import Zone, ZoneSet
-from crowdfence.zones.history import ZoneHistory
+from crowdfence.zones.history import ZoneHistory, with_static
 from crowdfence.zones.known_ground import known_ground
 from support.small_zones import SECOND_NS, DrawnZones
 
@@ -367,6 +367,15 @@ def test_a_zone_is_explained(run: Path) -> None:
     assert [event["kind"] for event in told["events"]] == ["created", "merged", "updated"]
     message = refused("explain", run, "--zone", "Z2", "--at", "last")
     assert "there is no zone Z2" in message and "went into Z1" in message
+
+
+def test_a_wrong_name_beside_a_national_file_is_told_in_a_few_words(tmp_path: Path) -> None:
+    of_others = [
+        Zone.of_no_look(f"N{number}", shapely.box(0, 0, 1, 1), "static", "given") for number in range(3000)
+    ]
+    with_static(history(None), of_others).write(tmp_path / "zones.jsonl")
+    message = refused("explain", tmp_path / "zones.jsonl", "--zone", "nope", "--at", "first")
+    assert "zones then: Z1, Z2, N0" in message and message.endswith("and 2990 more")
 
 
 def test_what_drones_look_at_is_not_called_forgotten() -> None:

@@ -12,6 +12,7 @@ from crowdfence.cli.asked_stamp import asked_stamp
 from crowdfence.cli.export import At, RunFolder
 from crowdfence.cli.wording import counted
 from crowdfence.iso_time import iso_utc
+from crowdfence.legible import first_of
 from crowdfence.zones.belief import FOR_GOOD
 from crowdfence.zones.reasons import REASONS
 from crowdfence.zones.square_metres import square_metres
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from crowdfence.zones import Zone, ZoneEvent, ZoneSet
     from crowdfence.zones.history import ZoneHistory
 
+_MOST_NAMED = 12
+"""A national file has thousands of zones."""
 _HAPPENED = {
     "created": "appeared",
     "split": "came out of {other}",
@@ -69,7 +72,7 @@ def _of_others(event: ZoneEvent) -> str:
 
 
 def _absent(zone: str, stamp_ns: int, zones: ZoneSet, history: ZoneHistory) -> str:
-    there = ", ".join(one.id for one in zones.closed) or "none"
+    there = first_of([one.id for one in zones.closed], _MOST_NAMED) or "none"
     past = [event for event in history.events if event.id == zone and event.kind != "updated"]
     story = "; ".join(
         f"{iso_utc(event.stamp_ns)} {_HAPPENED[event.kind].format(other=event.other)}" for event in past
