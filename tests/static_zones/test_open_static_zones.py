@@ -445,6 +445,23 @@ def test_what_cannot_be_used_is_one_line_with_the_file(tmp_path: Path, content: 
     assert message in str(refused.value) and "\n" not in str(refused.value)
 
 
+LACKING = {"identifier": "LACKS", "restriction": "PROHIBITED", "geometry": [{}]}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"features": [*ed269()["features"], LACKING]},
+        ed318({"type": "Point", "coordinates": [8.0, 46.5]}, identifier="LACKS"),
+        {"type": "Feature", "id": "LACKS", "geometry": {"type": "Polygon", "coordinates": [[5.0]]}},
+    ],
+)
+def test_what_is_wrong_with_a_zone_is_told_with_its_name(tmp_path: Path, content: Any) -> None:
+    """In a national file nobody finds which of thousands lacks its unit."""
+    with pytest.raises(StaticZoneError, match=r"zones: zone 'LACKS': [^:]*$"):
+        opened(tmp_path, content)
+
+
 def test_what_no_mission_comes_to_is_told_and_so_is_a_file_without_zones(tmp_path: Path) -> None:
     """As the overseas territories of a national file, one of them at our antipode, which the local plane
     would put beside us."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING
@@ -125,6 +126,17 @@ def _free_id(name: str, taken: set[str], numbers: Iterator[int]) -> str:
     if 0 < len(name) <= MAX_ID_LENGTH and name not in taken and name[0] not in _OURS and name.isprintable():
         return name
     return next(free for free in (zone_id(number, "S") for number in numbers) if free not in taken)
+
+
+@contextmanager
+def naming(name: str) -> Iterator[None]:
+    """What a zone lacks, or has wrong, is a ValueError with its name: a national file has thousands."""
+    try:
+        yield
+    except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        has_name = what.startswith(f"zone {name!r}")
+        raise ValueError(what if has_name else f"zone {name!r}: {what}") from error
 
 
 def ring_of(corners: Sequence[Sequence[float | str]]) -> NDArray[np.float64]:

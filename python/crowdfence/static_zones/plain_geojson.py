@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from crowdfence.datum import datum_doubt, wgs84_from
 from crowdfence.errors import quoted
-from crowdfence.static_zones.given_zone import GivenZone, band_of, ring_of
+from crowdfence.static_zones.given_zone import GivenZone, band_of, naming, ring_of
 
 if TYPE_CHECKING:
     from pyproj import Transformer
@@ -44,31 +44,45 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
                 f"{name}: an inclusion fence, which closes what lies around it; no zone does that"
             )
             continue
-        polygons: list[Any] = []
-        circles: list[Any] = []
-        said_before = len(left_out)
         crs = _stated_crs(document, feature, feature["geometry"])
-        for geometry in _geometries(feature["geometry"]):
-            kind = geometry and geometry["type"]
-            if kind == "Point" and properties.get("fence") == "exclusion":
-                circles.append(geometry["coordinates"])
-                continue
-            if kind not in ("Polygon", "MultiPolygon"):
-                left_out.append(f"{name}: a {kind} closes no ground")
-                continue
-            shapes = geometry["coordinates"]
-            polygons += [shapes] if kind == "Polygon" else shapes
-        if not polygons and not circles and len(left_out) == said_before:
-            left_out.append(f"{name}: no polygon, closes no ground")
-        datum = properties.get("datum", "AGL")
-        limits = properties.get("lower_m"), properties.get("upper_m")
-        band = band_of(name, limits, "m", (datum, datum))
-        for centre in circles:
-            place = _in_wgs84(ring_of([centre]), crs)[0]
-            radius_m = float(properties["radius_m"])
-            yield GivenZone(name, [], band, centre=(place[0], place[1]), radius_m=radius_m, title=title)
-        for rings in polygons:
-            yield GivenZone(name, [_in_wgs84(ring_of(ring), crs) for ring in rings], band, title=title)
+        if crs is not None:
+            _from_crs(crs)  # where it cannot be used that is no fault of this zone
+        with naming(name):
+            yield from _zones_of(name, title, feature["geometry"], properties, crs, left_out)
+
+
+def _zones_of(
+    name: str,
+    title: str,
+    drawn: Any,
+    properties: Mapping[str, Any],
+    crs: str | None,
+    left_out: list[str],
+) -> Iterator[GivenZone]:
+    polygons: list[Any] = []
+    circles: list[Any] = []
+    said_before = len(left_out)
+    for geometry in _geometries(drawn):
+        kind = geometry and geometry["type"]
+        if kind == "Point" and properties.get("fence") == "exclusion":
+            circles.append(geometry["coordinates"])
+            continue
+        if kind not in ("Polygon", "MultiPolygon"):
+            left_out.append(f"{name}: a {kind} closes no ground")
+            continue
+        shapes = geometry["coordinates"]
+        polygons += [shapes] if kind == "Polygon" else shapes
+    if not polygons and not circles and len(left_out) == said_before:
+        left_out.append(f"{name}: no polygon, closes no ground")
+    datum = properties.get("datum", "AGL")
+    limits = properties.get("lower_m"), properties.get("upper_m")
+    band = band_of(name, limits, "m", (datum, datum))
+    for centre in circles:
+        place = _in_wgs84(ring_of([centre]), crs)[0]
+        radius_m = float(properties["radius_m"])
+        yield GivenZone(name, [], band, centre=(place[0], place[1]), radius_m=radius_m, title=title)
+    for rings in polygons:
+        yield GivenZone(name, [_in_wgs84(ring_of(ring), crs) for ring in rings], band, title=title)
 
 
 def _geometries(geometry: Any) -> list[Any]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from crowdfence.static_zones.given_zone import GivenZone, band_of, metres, ring_of
+from crowdfence.static_zones.given_zone import GivenZone, band_of, metres, naming, ring_of
 
 OPEN_TYPES = ("NO_RESTRICTION", "USPACE")
 """What does not keep anybody out by itself."""
@@ -44,12 +44,13 @@ def ed318_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
         if properties is None:  # nothing says that it keeps nobody out
             properties = {"identifier": f"feature {number}", "type": None}
         name = str(properties["identifier"])
-        if properties["type"] in OPEN_TYPES:
-            left_out.append(f"{name}: {properties['type']} keeps nobody out")
-        elif feature["geometry"] is None:
-            left_out.append(f"{name}: no geometry, closes no ground")
-        else:
-            yield from _layered(name, _text(properties.get("name")), feature["geometry"], left_out)
+        with naming(name):
+            if properties["type"] in OPEN_TYPES:
+                left_out.append(f"{name}: {properties['type']} keeps nobody out")
+            elif feature["geometry"] is None:
+                left_out.append(f"{name}: no geometry, closes no ground")
+            else:
+                yield from _layered(name, _text(properties.get("name")), feature["geometry"], left_out)
 
 
 def _text(name: Any) -> str:
@@ -90,25 +91,30 @@ def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
     """ValueError or KeyError where something is missing."""
     for zone in document["UASZoneList"] if "UASZoneList" in document else document["features"]:
         name, title = str(zone["identifier"]), _text(zone.get("name"))
-        if zone["restriction"] in OPEN_TYPES:
-            left_out.append(f"{name}: {zone['restriction']} keeps nobody out")
-            continue
-        if not zone["geometry"]:
-            left_out.append(f"{name}: no geometry, closes no ground")
-        for geometry in zone["geometry"]:
-            unit = geometry["uomDimensions"]
-            band = band_of(
-                name,
-                (geometry.get("lowerLimit"), geometry.get("upperLimit")),
-                unit,
-                (geometry["lowerVerticalReference"], geometry["upperVerticalReference"]),
-            )
-            projection = geometry["horizontalProjection"]
-            if projection["type"] == "Circle":
-                longitude, latitude = projection["center"][:2]
-                radius = float(projection["radius"] or 0.0)
-                radius_m = max(radius, metres(radius, unit) or 0.0)
-                yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m, title=title)
-            else:
-                for ring in projection["coordinates"] or [[]]:
-                    yield GivenZone(name, [ring_of(ring)], band, title=title)
+        with naming(name):
+            if zone["restriction"] in OPEN_TYPES:
+                left_out.append(f"{name}: {zone['restriction']} keeps nobody out")
+                continue
+            if not zone["geometry"]:
+                left_out.append(f"{name}: no geometry, closes no ground")
+            for geometry in zone["geometry"]:
+                yield from _volume(name, title, geometry)
+
+
+def _volume(name: str, title: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
+    unit = geometry["uomDimensions"]
+    band = band_of(
+        name,
+        (geometry.get("lowerLimit"), geometry.get("upperLimit")),
+        unit,
+        (geometry["lowerVerticalReference"], geometry["upperVerticalReference"]),
+    )
+    projection = geometry["horizontalProjection"]
+    if projection["type"] == "Circle":
+        longitude, latitude = projection["center"][:2]
+        radius = float(projection["radius"] or 0.0)
+        radius_m = max(radius, metres(radius, unit) or 0.0)
+        yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m, title=title)
+    else:
+        for ring in projection["coordinates"] or [[]]:
+            yield GivenZone(name, [ring_of(ring)], band, title=title)
