@@ -82,5 +82,14 @@ def test_static_zones_are_after_a_restart_as_they_were_before_it(tmp_path: Path)
             if not told:
                 fly(service, 0, 10)
             told.append(http.get("/api/v1/zones").json())
-    assert told[0]["zones"][-1]["ground"] == {"lower_m": 0.0, "upper_m": 1.0}, "a voxel is a metre high"
+    ground = {"lower_m": 0.0, "upper_m": 1.0, "is_known": True}
+    assert told[0]["zones"][-1]["ground"] == ground, "a voxel is a metre high"
     assert told[1] == told[0] and told[2] == told[0]
+
+
+def test_of_ground_beyond_the_map_nobody_is_told_a_height(tmp_path: Path) -> None:
+    """It was told to lie at 0 to 0 m, as if that were known."""
+    beyond = Zone.of_no_look("BEYOND", shapely.box(5000.0, 0.0, 5010.0, 10.0), "static", "given")
+    with running(tmp_path, static_zones=[beyond]) as service, asked(service) as http:
+        (zone,) = http.get("/api/v1/zones").json()["zones"]
+        assert zone["ground"]["is_known"] is False

@@ -37,7 +37,11 @@ def zone_json(zone: Zone, mark: Mapping[str, Any]) -> dict[str, Any]:
         **moment_json("valid_until", zone.valid_until_ns),
         "seen_by": list(zone.seen_by),
         "band": {"lower_m": zone.band.lower_m, "upper_m": zone.band.upper_m, "datum": zone.band.datum},
-        "ground": {"lower_m": zone.lower_m, "upper_m": zone.upper_m},
+        "ground": {
+            "lower_m": zone.lower_m,
+            "upper_m": zone.upper_m,
+            "is_known": zone.ground_is_known,
+        },
         "evidence": _evidence(zone),
         "locked": bool(mark.get("locked", False)),
         "operator": mark.get("operator"),
