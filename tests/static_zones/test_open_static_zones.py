@@ -445,6 +445,24 @@ def test_what_cannot_be_used_is_one_line_with_the_file(tmp_path: Path, content: 
     assert message in str(refused.value) and "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("on_point", "properties"),
+    [
+        # What would be ED-318 if it had "variant", by which that is told.
+        ({"extent": {"subType": "Circle", "radius": 500}}, {"identifier": "LEXX", "type": "PROHIBITED"}),
+        ({}, {"subType": "Circle", "radius": 500}),
+    ],
+)
+def test_circles_in_any_geojson_are_closed(
+    tmp_path: Path, on_point: dict[str, Any], properties: dict[str, Any]
+) -> None:
+    """They were told to close no ground, and the file went on without them."""
+    point = {"type": "Point", "coordinates": [8.0, 46.5], **on_point}
+    (zone,) = opened(tmp_path, {"type": "Feature", "properties": properties, "geometry": point})
+    assert zone.polygon.covers(shapely.Point(0.0, 0.0).buffer(500.0, 1024))
+    assert zone.polygon.area == pytest.approx(np.pi * 500.0**2, rel=4e-3)
+
+
 LACKING = {"identifier": "LACKS", "restriction": "PROHIBITED", "geometry": [{}]}
 
 

@@ -1,6 +1,7 @@
 """Polygons of any GeoJSON (RFC 7946), from the ground up without end; those of our files with their band.
 
-Of a fence that `crowdfence fence pull` wrote circles are read too. What it keeps drones in is no zone.
+Circles are points with a radius in metres: those of a fence that `crowdfence fence pull` wrote, of files that
+are ED-318 but for what it demands ("extent"), and of Azure Maps. What a fence keeps drones in is no zone.
 
 Files from before RFC 7946, and many that GIS programs write today, name their reference system in "crs".
 Degrees of another datum lie up to hundreds of metres from those of WGS 84, and are converted.
@@ -60,12 +61,12 @@ def _zones_of(
     left_out: list[str],
 ) -> Iterator[GivenZone]:
     polygons: list[Any] = []
-    circles: list[Any] = []
+    circles: list[tuple[Any, float]] = []
     said_before = len(left_out)
     for geometry in _geometries(drawn):
         kind = geometry and geometry["type"]
-        if kind == "Point" and properties.get("fence") == "exclusion":
-            circles.append(geometry["coordinates"])
+        if kind == "Point" and (radius := _radius_of(geometry, properties)) is not None:
+            circles.append((geometry["coordinates"], float(radius)))
             continue
         if kind not in ("Polygon", "MultiPolygon"):
             left_out.append(f"{name}: a {kind} closes no ground")
@@ -77,12 +78,20 @@ def _zones_of(
     datum = properties.get("datum", "AGL")
     limits = properties.get("lower_m"), properties.get("upper_m")
     band = band_of(name, limits, "m", (datum, datum))
-    for centre in circles:
+    for centre, radius_m in circles:
         place = _in_wgs84(ring_of([centre]), crs)[0]
-        radius_m = float(properties["radius_m"])
         yield GivenZone(name, [], band, centre=(place[0], place[1]), radius_m=radius_m, title=title)
     for rings in polygons:
         yield GivenZone(name, [_in_wgs84(ring_of(ring), crs) for ring in rings], band, title=title)
+
+
+def _radius_of(point: Mapping[str, Any], properties: Mapping[str, Any]) -> Any:
+    """None for a point that is no circle."""
+    if properties.get("fence") == "exclusion":
+        return properties["radius_m"]
+    if point.get("extent"):
+        return point["extent"]["radius"]
+    return properties["radius"] if properties.get("subType") == "Circle" else None
 
 
 def _geometries(geometry: Any) -> list[Any]:
