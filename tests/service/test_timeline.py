@@ -7,7 +7,7 @@ import shapely
 
 from crowdfence.service import timeline as timeline_module
 from crowdfence.service.store import Store
-from crowdfence.service.timeline import Moment, Timeline
+from crowdfence.service.timeline import LostMomentError, Moment, Timeline
 from crowdfence.zones import Zone, ZoneEvent, ZoneSet
 
 NAME = 'a"b\\ü$.of'
@@ -131,8 +131,28 @@ def test_a_zone_of_others_whose_moment_found_no_room_on_the_disk_is_not_lost(tmp
     timeline.begin_whole()
     timeline.add(_moment(4, a1, d1))
     store.flush()
-    told = timeline.at(4_000_000_000)
-    with pytest.raises(LookupError, match="moment 2 with the zones of others of moment 3 is lost"):
-        timeline.at(3_000_000_000)
+    told, first = timeline.at(4_000_000_000), timeline.at(1_000_000_000)
+    # Nor is what was closed at 1 s taken for what was closed at 2 s.
+    for stamp_ns in (1_000_000_001, 2_000_000_000, 3_000_000_000):
+        with pytest.raises(LostMomentError, match="nothing could be written at moment 2 of the history"):
+            timeline.at(stamp_ns)
     store.close()
     assert told is not None and [zone.id for zone in told.zones.static] == ["A1", "D1"]
+    assert first is not None and [zone.id for zone in first.zones.static] == ["A1"]
+
+
+def test_a_crowd_that_grew_while_the_disk_was_full_is_not_told_as_it_was_before(tmp_path: Path) -> None:
+    """Moment 3 has the outline of 2 and does not tell it: it was told with that of 1, half as wide."""
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    small, large = (Zone.of_no_look("Z1", shapely.box(0, 0, wide, 2), "crowd", "seen") for wide in (2, 4))
+    note = store.note
+    for number, zone in enumerate((small, large, large), 1):
+        if number == 2:
+            store.note = lambda write, size=0: None  # type: ignore[method-assign]
+        timeline.add(Moment(number, number * 1_000_000_000, ZoneSet((zone,), 0.5, 0.0, 0, 0.0), {}, {}))
+        store.note = note  # type: ignore[method-assign]
+    store.flush()
+    with pytest.raises(LostMomentError):
+        timeline.at(3_000_000_000)
+    store.close()

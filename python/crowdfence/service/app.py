@@ -12,7 +12,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from crowdfence._core import __version__
@@ -21,6 +21,7 @@ from crowdfence.service.guard import Guard, Rate
 from crowdfence.service.routes import alerts, base_map, drones, health, ingest, operator, scene, zones
 from crowdfence.service.routes.asking import cookie_of, user_or_none
 from crowdfence.service.service import Service
+from crowdfence.service.timeline import LostMomentError
 from crowdfence.service.zone_set_json import ANY_VERSION
 
 PAGE = Path(__file__).parent / "page"
@@ -77,6 +78,7 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         await service.hub.serve(socket, hello, with_static=without is None)
 
     app.add_exception_handler(RequestValidationError, _invalid)
+    app.add_exception_handler(LostMomentError, _lost)
 
     @app.api_route("/", methods=["GET", "HEAD"], include_in_schema=False)
     def page(request: Request) -> Response:
@@ -119,6 +121,10 @@ def _invalid(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     problems = [{name: problem[name] for name in ("type", "loc", "msg")} for problem in error.errors()]
     return Response(json.dumps({"detail": problems}), 422, media_type="application/json")
+
+
+def _lost(request: Request, error: Exception) -> Response:
+    return JSONResponse({"detail": str(error)}, 404)
 
 
 def _heads(router: APIRouter) -> APIRouter:

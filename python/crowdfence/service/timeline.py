@@ -47,6 +47,10 @@ class Moment:
         return replace(self.zones, static=drawn)
 
 
+class LostMomentError(LookupError):
+    """What was closed then is not all kept, because nothing could be written for a while."""
+
+
 class Timeline:
     """Moments by stamp. Outlines, and zones of others, which may be thousands, are written when they changed,
     all of them every `WHOLE_EVERY` moments."""
@@ -91,7 +95,8 @@ class Timeline:
         self._since_whole = WHOLE_EVERY
 
     def at(self, stamp_ns: int) -> Moment | None:
-        """The last moment up to a stamp; None before the first."""
+        """The last moment up to a stamp; None before the first. LostMomentError where it may be one that is
+        missing, or rests on one: what has not changed since is told there alone."""
         rows = self._store.rows(
             "SELECT number FROM moments WHERE stamp_ns <= ? ORDER BY stamp_ns DESC, number DESC LIMIT 1",
             (stamp_ns,),
@@ -105,19 +110,18 @@ class Timeline:
             (number, number),
         )
         zones: ZoneSet | None = None
-        told_static = 0
-        for at_number, _, line, _, _ in rows:
-            instant = json.loads(zlib.decompress(line))
-            if "static" in instant:
-                told_static = at_number
-            zones = zone_set_of_line(instant, zones)
+        for place, (at_number, _, line, _, _) in enumerate(rows, start=rows[0][0] if rows else 0):
+            # Outlines of before are not taken for those that it would have told.
+            if at_number != place:
+                raise LostMomentError(_LOST.format(place))
+            zones = zone_set_of_line(json.loads(zlib.decompress(line)), zones)
         if zones is None:
             return None
         _, then_ns, _, marks, figures = rows[-1]
+        ((following,),) = self._store.rows("SELECT MIN(number) FROM moments WHERE number > ?", (number,))
+        if stamp_ns > then_ns and following not in (None, number + 1):
+            raise LostMomentError(_LOST.format(number + 1))
         told = json.loads(figures)
-        # The disk was full then: what it would have told is not taken for what was closed before.
-        if told.get("static", told_static) != told_static:
-            raise LookupError(f"moment {told['static']} with the zones of others of moment {number} is lost")
         return Moment(number, then_ns, zones, json.loads(marks), {k: told[k] for k in told if k not in _OWN})
 
     def points(self) -> list[dict[str, Any]]:
@@ -210,6 +214,7 @@ class Timeline:
         return None if first is None else (first, last)
 
 
+_LOST = "what was closed then is not known: nothing could be written at moment {} of the history"
 _LASTING = " OR ".join(
     f'figures LIKE \'%"kind":"{kind}"%\'' for kind in get_args(EventKind) if kind != "updated"
 )

@@ -12,11 +12,14 @@ from crowdfence.service.routes.asking import ERRORS, AtNs, Reader, TheService
 from crowdfence.zones import MAX_ID_LENGTH
 
 router = APIRouter(tags=["zones"], responses=ERRORS)
+_LOST: dict[int | str, dict[str, Any]] = {
+    404: {"description": "nothing could be written then, so what was closed is not known"}
+}
 ZoneId = Annotated[str, Path(min_length=1, max_length=MAX_ID_LENGTH)]
 """As a path: those of others are what their files call them."""
 
 
-@router.get("/zones")
+@router.get("/zones", responses=_LOST)
 def zones(
     service: TheService,
     user: Reader,
@@ -52,7 +55,9 @@ def timeline(service: TheService, user: Reader) -> dict[str, Any]:
     return {"points": service.mission.timeline.points(), "alerts": alerts}
 
 
-@router.get("/export", response_class=Response, responses={409: {"description": "not possible here"}})
+@router.get(
+    "/export", response_class=Response, responses={409: {"description": "not possible here"}, **_LOST}
+)
 def export(
     service: TheService,
     user: Reader,
