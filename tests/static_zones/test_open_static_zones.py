@@ -463,6 +463,17 @@ def test_circles_in_any_geojson_are_closed(
     assert zone.polygon.area == pytest.approx(np.pi * 500.0**2, rel=4e-3)
 
 
+def test_a_wide_circle_in_the_north_is_not_called_far_away_where_it_holds_the_mission(tmp_path: Path) -> None:
+    """At 70 degrees of latitude 21 of longitude are 796 km: of a sphere of 6371 km, by hand,
+    2 asin(cos 70 sin 10.5) = 7.15 degrees."""
+    anchor, beside = Georeference(70.0, 8.0, 0.0), [29.0, 70.0]
+    content = ed269(horizontalProjection={"type": "Circle", "center": beside, "radius": 850_000})
+    (zone,) = opened(tmp_path, content, anchor)
+    assert zone.polygon.contains(shapely.Point(0.0, 0.0))
+    antipode = ed269(horizontalProjection={"type": "Circle", "center": [-172.0, -70.0], "radius": 850_000})
+    assert opened(tmp_path, antipode, anchor) == ()
+
+
 LACKING = {"identifier": "LACKS", "restriction": "PROHIBITED", "geometry": [{}]}
 
 

@@ -15,6 +15,7 @@ from crowdfence.georeference import Georeference
 from crowdfence.legible import legible
 from crowdfence.zones import MAX_ID_LENGTH, AltitudeBand, Zone
 from crowdfence.zones.altitude_band import LOWEST_GROUND_M
+from crowdfence.zones.given_ground import SMALLEST_EARTH_RADIUS_M
 from crowdfence.zones.rules import Restriction
 from crowdfence.zones.zone_id import zone_id
 
@@ -186,13 +187,26 @@ def _circle(given: GivenZone, georeference: Georeference) -> Polygon | None:
     if not (0.0 < given.radius_m < _MAX_RADIUS_M and np.isfinite(centre).all()):
         raise ValueError(f"zone {given.name!r} is a circle of {given.radius_m:g} m")
     _check_places(given.name, centre)
-    away_deg = _beside(centre, georeference)[0] - (georeference.longitude_deg, georeference.latitude_deg)
-    if np.hypot(*away_deg) > _FAR_DEG:
+    if _away_deg(centre[0], georeference) - np.rad2deg(given.radius_m / SMALLEST_EARTH_RADIUS_M) > _FAR_DEG:
         return None
     middle = _local(centre, georeference)[0]
     angle = 2 * np.pi * np.arange(_CIRCLE_CORNERS) / _CIRCLE_CORNERS
     reach_m = _HIGHER_GROUND * given.radius_m / np.cos(np.pi / _CIRCLE_CORNERS)
     return shapely.Polygon(middle + reach_m * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
+
+def _away_deg(place: NDArray[np.float64], georeference: Georeference) -> float:
+    """Of the Earth's circumference from the anchor to a longitude and latitude, by the haversine formula."""
+    east, north, latitude, of_anchor = np.deg2rad(
+        [
+            place[0] - georeference.longitude_deg,
+            place[1] - georeference.latitude_deg,
+            place[1],
+            georeference.latitude_deg,
+        ]
+    )
+    share = np.sin(north / 2) ** 2 + np.cos(latitude) * np.cos(of_anchor) * np.sin(east / 2) ** 2
+    return float(np.rad2deg(2.0 * np.arcsin(min(1.0, np.sqrt(share)))))
 
 
 def _check_places(name: str, corners: NDArray[np.float64]) -> None:
