@@ -281,6 +281,19 @@ def test_ends_open_the_only_way_there_is() -> None:
         safe_route((50, 0), (9, 9), [WALL], departure_ns=0, speed_m_s=1.0, expires=True)
 
 
+def test_a_zone_that_has_ended_by_the_departure_is_open_at_the_start_too() -> None:
+    """As the other half of the planner has it: closed before its end, open from it on."""
+    in_wall = {"departure_ns": DEPARTURE_NS, "speed_m_s": 10.0, "expires": True}
+    for seconds in (-30.0, 0.0):
+        ended = ends_after(WALL, seconds)
+        assert ClearAir(ZoneSet((ended,), 0.5, 0.0, 0, 0.0), expires=True).is_clear((50, 0, 5), DEPARTURE_NS)
+        assert safe_route((50, 0), (100, 0), [ended], **in_wall).length_m == 50.0  # type: ignore[arg-type]
+    with pytest.raises(NoRoute, match="the start .* lies in zone Z1"):
+        safe_route((50, 0), (100, 0), [ends_after(WALL, 0.1)], **in_wall)  # type: ignore[arg-type]
+    with pytest.raises(NoRoute, match="the start .* lies in zone Z1"):
+        safe_route((50, 0), (100, 0), [ends_after(WALL, -30.0)], departure_ns=DEPARTURE_NS, speed_m_s=10.0)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -97,6 +97,10 @@ def safe_route(
     _require_clock(departure_ns, speed_m_s, expires)
     if departure_ns is not None:
         departure_ns = int(as_stamps(departure_ns, 1)[0])
+    if expires and departure_ns is not None:  # what has ended by then is open, at the start too
+        zones = tuple(
+            zone for zone in zones if zone.valid_until_ns is None or zone.valid_until_ns > departure_ns
+        )
     does_end = [expires and zone.valid_until_ns is not None for zone in zones]
     lasting = ZonesMet([zone for zone, ends in zip(zones, does_end, strict=True) if not ends], clearance_m)
     ending = ZonesMet([zone for zone, ends in zip(zones, does_end, strict=True) if ends], clearance_m)
