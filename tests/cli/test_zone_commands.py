@@ -537,6 +537,28 @@ def test_a_way_with_a_departure(run: Path) -> None:
     )
 
 
+def test_a_file_of_a_way_past_zones_that_end_says_when_it_is_where(run: Path, tmp_path: Path) -> None:
+    """The crowd from 5 m east on ends 60 s after the departure, a wall of others leaves a lane through it
+    alone. At 2 m/s what is kept clear, from 4.49 m east on, is reached after 2.25 s, the goal after 10 s."""
+    whole = history(Georeference(46.5, 8.0, 1200.0))
+    (crowd,) = whole.sets[1].zones
+    end_ns = whole.stamps_ns[1] + 60 * SECOND_NS
+    walls = [
+        Zone.of_no_look(name, shapely.box(8, south, 12, north), "static", "given")
+        for name, south, north in (("A", -1, 4), ("B", 6, 11))
+    ]
+    closed = replace(whole.sets[1], zones=(replace(crowd, valid_until_ns=end_ns),), static=tuple(walls))
+    replace(whole, stamps_ns=whole.stamps_ns[1:2], sets=[closed]).write(run / "zone_history.jsonl")
+    way = ("route", run, "--local", "--from", "0,5", "--to", "20,5", "--speed-m-s", 2, "--clearance-m", "0.5")
+    assert CliRunner().invoke(app, [str(one) for one in way]).exit_code == GATE_NOT_MET
+    told = command(*way, "--expires", "-o", tmp_path / "way.geojson", "--json")
+    properties = json.loads((tmp_path / "way.geojson").read_text())["properties"]
+    assert properties["times"] == [place["at"] for place in json.loads(told)["waypoints"]]
+    assert [time[11:21] for time in properties["times"]] == ["00:00:01.0", "00:00:58.7", "00:01:08.7"]
+    assert (properties["expires"], properties["clearance_m"]) == (True, 0.5)
+    assert properties["zones_at"].startswith("2026-01-01T00:00:01")
+
+
 def test_places_on_earth(run: Path) -> None:
     told = json.loads(
         command(

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,7 +21,6 @@ if TYPE_CHECKING:
     from crowdfence.planner import Route
     from crowdfence.zones.history import ZoneHistory
 
-_LENGTHS = ("length_m", "direct_m", "beyond_map_m", "not_known_empty_m", "over_m")
 _UNKNOWN = {
     "never_seen": "never seen or beyond the map",
     "occluded": "hidden",
@@ -85,7 +81,12 @@ def route(
     ] = False,
     at: At = "last",
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="GeoJSON file for the way. Default: none.")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="GeoJSON file for the way; with --speed-m-s it says when the way is where. Default: none.",
+        ),
     ] = None,
     picture: Annotated[Path | None, typer.Option("--picture", help="PNG of the way and the zones.")] = None,
     static_zones: options.StaticZones = None,
@@ -159,9 +160,18 @@ def route(
         except NoRoute as reason:
             console.fail(_worded(str(reason)))
             raise typer.Exit(GATE_NOT_MET) from None
-        report = _told(found, history.georeference, ground, height_m, states)
+        report = {
+            "zones_at": iso_utc(history.stamps_ns[history.index_at(departure_ns)]),
+            "clearance_m": clearance_m,
+            "expires": expires,
+            **_told(found, history.georeference, ground, height_m, states),
+        }
         if output is not None:
-            write_bytes(output, (json.dumps(_feature(report)) + "\n").encode())
+            from crowdfence.exports.route_geojson import route_geojson
+
+            about = {name: value for name, value in report.items() if name != "waypoints"}
+            feature = route_geojson(found.waypoints, found.stamps_ns, history.georeference, height_m, about)
+            write_bytes(output, feature.encode())
         if picture is not None:
             from crowdfence.exports.route_picture import write_route_picture
 
@@ -185,7 +195,8 @@ def route(
         soft_wrap=True,
     )
     for place in report["waypoints"]:
-        console.stdout().print("  " + ", ".join(f"{name} {value}" for name, value in place.items()))
+        told = ", ".join(f"{name} {value}" for name, value in place.items())
+        console.stdout().print(f"  {told}", soft_wrap=True)
 
 
 def _place(text: str, georeference: Georeference | None, height_m: float) -> Any:
@@ -281,32 +292,3 @@ def _beyond_m(found: Route, ground: Any) -> float:
 
     way = shapely.LineString(found.waypoints)
     return 0.0 if ground.covers(way) else float(shapely.difference(way, ground).length)
-
-
-def _feature(report: dict[str, Any]) -> dict[str, Any]:
-    names = ("longitude", "latitude") if "latitude" in report["waypoints"][0] else ("east_m", "north_m")
-    corners = [[place[name] for name in names] for place in report["waypoints"]]
-    lengths = {name: report[name] for name in _LENGTHS}
-    in_degrees = names[0] == "longitude"
-    lines = _cut_at_antimeridian(corners) if in_degrees else [corners]
-    geometry: dict[str, Any] = {"type": "LineString", "coordinates": corners}
-    if len(lines) > 1:
-        geometry = {"type": "MultiLineString", "coordinates": lines}
-    frame = {} if in_degrees else {"crs": None}
-    return {"type": "Feature", **frame, "geometry": geometry, "properties": lengths}
-
-
-def _cut_at_antimeridian(corners: list[list[float]]) -> list[list[list[float]]]:
-    """RFC 7946, 3.1.9: a line (longitude, latitude) that crosses it is cut there, and does not go round the
-    Earth."""
-    lines = [[corners[0]]]
-    for (west, south), (east, north) in pairwise(corners):
-        if abs(east - west) > 180.0:
-            edge = math.copysign(180.0, west)
-            beyond = east + 2.0 * edge
-            share = (edge - west) / (beyond - west) if beyond != west else 0.0
-            latitude = round(south + share * (north - south), 8)
-            lines[-1].append([edge, latitude])
-            lines.append([[-edge, latitude]])
-        lines[-1].append([east, north])
-    return lines
