@@ -200,10 +200,8 @@ class ClearAir:
             heights = np.minimum(start[:, 2], end[:, 2]), np.maximum(start[:, 2], end[:, 2])
             piece, zone = closed.met(pieces.lines(members), (start[:, :2], end[:, :2]), heights)
             of = members[piece]
-            if self._expires:
-                alive = closed.met_alive(zone, pieces.take(of))
-                of, zone = of[alive], zone[alive]
-            yield leg[of], closed, zone
+            meets = closed.met_while_closed(zone, pieces.take(of), expires=self._expires)
+            yield leg[of[meets]], closed, zone[meets]
 
     def _clearance(
         self, number: int, points: NDArray[np.float64], stamps_ns: NDArray[np.int64]
@@ -296,10 +294,15 @@ class _Legs(NamedTuple):
 
     def at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Where each is at its stamp [N, 3]."""
-        duration_ns = np.maximum(self.end_ns - self.begin_ns, 1)
-        share = (stamps_ns - self.begin_ns) / duration_ns
+        return self._places(_share_until(self, stamps_ns))
+
+    def between(self, first: NDArray[np.float64], last: NDArray[np.float64]) -> _Legs:
+        """The parts of them from one share of each to another one, [N] in [0, 1], on their ways."""
+        return self._replace(start=self._places(first), end=self._places(last))
+
+    def _places(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         places = self.start + share[:, None] * (self.end - self.start)
-        return np.where((stamps_ns == self.end_ns)[:, None], self.end, places)
+        return np.where((share == 1.0)[:, None], self.end, places)
 
     def cut_at(self, stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], _Legs, NDArray[np.int64]]:
         """Cut where stamps, sorted, lie in them: the leg of each piece, the pieces, and how many stamps lie
@@ -404,17 +407,21 @@ class _Closed:
         sides = (points[:, 0] - west, east - points[:, 0], points[:, 1] - south, north - points[:, 1])
         return np.maximum.reduce(sides)
 
-    def met_alive(self, zone: NDArray[np.int64], legs: _Legs) -> NDArray[np.bool_]:
-        """Whether legs that meet outlines of zones meet them before the zones end."""
+    def met_while_closed(self, zone: NDArray[np.int64], legs: _Legs, *, expires: bool) -> NDArray[np.bool_]:
+        """Whether legs that meet outlines of zones meet them between their heights, and, where it `expires`,
+        before they end: a leg that climbs may pass the outline above or below."""
         import shapely
 
-        until_ns = self.until_ns[zone]
-        met = legs.begin_ns < until_ns
-        ends_under_way = np.flatnonzero(met & (until_ns < legs.end_ns))
-        flown = legs.take(ends_under_way)
-        flown = flown._replace(end=flown.at(until_ns[ends_under_way]))
-        lines = flown.lines(np.arange(len(ends_under_way)))
-        met[ends_under_way] = shapely.intersects(self.outlines[zone[ends_under_way]], lines)
+        enters, leaves = _between_heights(legs, self.lower_m[zone], self.upper_m[zone])
+        met = enters <= leaves
+        if expires:
+            until_ns = self.until_ns[zone]
+            met &= legs.begin_ns < until_ns
+            leaves = np.minimum(leaves, _share_until(legs, until_ns))
+        in_part = np.flatnonzero(met & ((enters > 0.0) | (leaves < 1.0)))
+        flown = legs.take(in_part).between(enters[in_part], leaves[in_part])
+        lines = flown.lines(np.arange(len(in_part)))
+        met[in_part] = (enters <= leaves)[in_part] & shapely.intersects(self.outlines[zone[in_part]], lines)
         return np.asarray(met)
 
 
@@ -455,6 +462,27 @@ def _distance_m(
     share = np.einsum("ij,ij->i", along, to_place) / np.where(squared > 0.0, squared, 1.0)
     apart = to_place - share.clip(0.0, 1.0)[:, None] * along
     return np.asarray(np.hypot(apart[:, 0], apart[:, 1]))
+
+
+def _share_until(legs: _Legs, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Of each leg what is flown at a stamp [N] not before its begin; 1 after its end."""
+    flown_ns = np.minimum(stamps_ns, legs.end_ns) - legs.begin_ns
+    share = flown_ns / np.maximum(legs.end_ns - legs.begin_ns, 1)
+    return np.asarray(np.where(stamps_ns >= legs.end_ns, 1.0, share))
+
+
+def _between_heights(
+    legs: _Legs, lower_m: NDArray[np.float64], upper_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The shares of legs [N] between which they fly at heights from `lower_m` to `upper_m` [N], all of level
+    ones; the first is the larger one where a leg never does."""
+    low_m, high_m = lower_m - _ROUNDING - legs.start[:, 2], upper_m + _ROUNDING - legs.start[:, 2]
+    rise_m = legs.end[:, 2] - legs.start[:, 2]
+    is_level = rise_m == 0.0
+    at = np.stack([low_m, high_m]) / np.where(is_level, 1.0, rise_m)
+    enters = np.where(is_level, 0.0, at.min(axis=0))
+    leaves = np.where(is_level, 1.0, at.max(axis=0))
+    return enters.clip(min=0.0), leaves.clip(max=1.0)
 
 
 def _heights(zone: Zone) -> tuple[float, float]:
