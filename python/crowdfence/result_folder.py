@@ -85,9 +85,11 @@ def ground_height_of(run: str | PathLike[str]) -> float:
     return float(open_terrain(terrain).bounds[:, 2].mean()) if terrain.exists() else 0.0
 
 
-def open_grid(run: str | PathLike[str], history: ZoneHistory) -> SurfaceGrid | None:
-    """The map of the run in a folder at its last instant, seen from above; None where the run did not write
-    its map and terrain. MapFileError for files that do not belong together."""
+def open_grid(
+    run: str | PathLike[str], history: ZoneHistory, stamp_ns: int | None = None
+) -> SurfaceGrid | None:
+    """The map of the run in a folder at its last instant, or at a later stamp, seen from above; None where
+    the run did not write its map and terrain. MapFileError for files that do not belong together."""
     from crowdfence.maps import open_terrain
 
     terrain, state = Path(run) / "terrain.bt", Path(run) / "crowd_map.crowdmap"
@@ -95,18 +97,22 @@ def open_grid(run: str | PathLike[str], history: ZoneHistory) -> SurfaceGrid | N
         return None
     return SurfaceGrid.from_crowd_map(
         CrowdMap.load(state, open_terrain(terrain)),
-        history.stamps_ns[-1],
+        history.stamps_ns[-1] if stamp_ns is None else stamp_ns,
         threshold=history.sets[-1].threshold,
         stale_after_s=float(history.description.get("stale_after_s", STALE_AFTER_S)),
         margin_m=MARGIN_M,
     )
 
 
-def open_states(run: str | PathLike[str]) -> StateRaster | None:
-    """What the map of the run in a folder says of the ground at its last instant; None where the run did not
-    write it, or before such files said where they lie."""
+def open_states(run: str | PathLike[str], history: ZoneHistory, stamp_ns: int) -> StateRaster | None:
+    """What the map of the run in a folder says of the ground at its last instant, or at a later stamp, by
+    when looks have grown old; None before that, where the run did not write its map, and before such files
+    said where they lie. MapFileError as of `open_grid`."""
     path = Path(run) / CROWD_MAP
-    return read_states(path) if path.exists() else None
+    if stamp_ns == history.stamps_ns[-1]:
+        return read_states(path) if path.exists() else None
+    grid = open_grid(run, history, stamp_ns) if stamp_ns > history.stamps_ns[-1] else None
+    return None if grid is None else StateRaster.of(grid)
 
 
 def description_at(history: ZoneHistory, stamp_ns: int) -> MapDescription:

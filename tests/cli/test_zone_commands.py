@@ -495,6 +495,33 @@ def test_a_way_over_ground_seen_empty_alone(run: Path) -> None:
     assert CliRunner().invoke(app, way).exit_code == GATE_NOT_MET
 
 
+def test_ground_that_was_seen_empty_is_not_so_for_ever(tmp_path: Path) -> None:
+    """All of it was seen empty at the last instant; looks are stale after 30 s."""
+    zones = DrawnZones((20, 10))
+    none, stamp_ns = zones.step(np.zeros((20, 10))), zones.stamp_ns
+    ground = known_ground(zones.terrain)
+    ZoneHistory([stamp_ns], [none], None, {"stale_after_s": 30.0}, ground).write(
+        tmp_path / "zone_history.jsonl"
+    )
+    grid = SurfaceGrid.from_crowd_map(zones.crowd_map, stamp_ns, threshold=0.5)
+    write_geotiff(tmp_path / "crowd_map.tif", grid, MapDescription(stamp_ns, 0.5, "paper"), None)
+    way = ["route", str(tmp_path), "--local", "--from", "1,5.5", "--to", "19,5.5", "--json", "--at"]
+    last = CliRunner().invoke(app, [*way, "last", "--known-empty"])
+    assert json.loads(last.stdout)["over_m"]["empty"] == pytest.approx(18.0)
+    # Of a later moment nothing is known without the map itself.
+    assert "holds no map of that instant" in refused(*way, "+29", "--known-empty")
+    assert json.loads(CliRunner().invoke(app, [*way, "+29"]).stdout)["over_m"] is None
+    zones.crowd_map.save(tmp_path / "crowd_map.crowdmap")
+    write_terrain_octomap(tmp_path / "terrain.bt", zones.terrain)
+    for at, state in (("+29", "empty"), ("+31", "stale"), ("+3600", "stale")):
+        done = CliRunner().invoke(app, [*way, at])
+        assert done.exit_code == 0 and json.loads(done.stdout)["over_m"][state] == pytest.approx(18.0)
+    assert "18.0 m seen empty too long ago" in " ".join(done.stderr.split())
+    assert CliRunner().invoke(app, [*way, "+29", "--known-empty"]).exit_code == 0
+    done = CliRunner().invoke(app, [*way, "+31", "--known-empty"])
+    assert done.exit_code == GATE_NOT_MET and "not known to be empty" in done.stderr
+
+
 def test_a_way_through_a_run_without_a_map_says_so(run: Path) -> None:
     done = CliRunner().invoke(app, ["route", str(run), "--local", "--from", "1,5", "--to", "19,5"])
     assert done.exit_code == 0 and "holds no map of that instant" in done.stderr

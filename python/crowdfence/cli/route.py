@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from crowdfence.exports.state_raster import StateRaster
     from crowdfence.georeference import Georeference
     from crowdfence.planner import Route
-    from crowdfence.zones.history import ZoneHistory
 
 _UNKNOWN = {
     "never_seen": "never seen or beyond the map",
@@ -34,8 +33,9 @@ _TOLD_M = 0.05
 _FAR_M = 100_000.0
 """No flight with its ground goes so far: latitude and longitude were changed round."""
 _NO_STATES = (
-    "{run} holds no map of that instant (a run keeps that of its last one, crowd_map.tif): it is not known "
-    "how much of the way lies over ground that nobody has seen empty"
+    "{run} holds no map of that instant (a run keeps that of its last one, crowd_map.tif; a later one is "
+    "made from terrain.bt and crowd_map.crowdmap): it is not known how much of the way lies over ground "
+    "that nobody has seen empty"
 )
 
 
@@ -111,6 +111,7 @@ def route(
         ground_height_of,
         known_ground_of,
         open_history,
+        open_states,
         read_as_one,
     )
     from crowdfence.static_zones import read_static_zones
@@ -138,7 +139,7 @@ def route(
                 raise ValueError(
                     f"{run} does not say how far its map reaches; --beyond-map plans a way over any ground"
                 )
-            states = _states_at(run, history, departure_ns)
+            states = open_states(run, history, departure_ns)
         if known_empty:
             if beyond_map or ground is None:
                 raise ValueError("--known-empty and --beyond-map contradict each other: nobody looked there")
@@ -219,13 +220,6 @@ def _place(text: str, georeference: Georeference | None, height_m: float) -> Any
             "the longitude"
         )
     return place
-
-
-def _states_at(run: Path, history: ZoneHistory, stamp_ns: int) -> StateRaster | None:
-    """What the run knew of the ground; None for an instant before the last, of which it keeps no map."""
-    from crowdfence.result_folder import open_states
-
-    return open_states(run) if stamp_ns >= history.stamps_ns[-1] else None
 
 
 def _worded(reason: str) -> str:

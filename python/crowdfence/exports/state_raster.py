@@ -1,4 +1,4 @@
-"""The states of a run's `crowd_map.tif`, read again."""
+"""The states of the ground as a raster in local metres, those of a run's `crowd_map.tif` read again."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.exports.geotiff import LOCAL_TAG
+from crowdfence.exports.raster_placement import RasterPlacement
+from crowdfence.surface_grid import SurfaceGrid
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -27,6 +29,10 @@ class StateRaster:
     """[rows, columns] `VoxelState`, row 0 northernmost. Ends near what was seen: beyond it nobody looked."""
     local_from_cells: Affine
     """From (column, row) to local metres."""
+
+    @staticmethod
+    def of(grid: SurfaceGrid) -> StateRaster:
+        return StateRaster(grid.state.T[::-1], RasterPlacement.of(grid, None).transform)
 
 
 def read_states(crowd_map: str | PathLike[str]) -> StateRaster | None:
