@@ -8,6 +8,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 from scipy.sparse.csgraph import dijkstra
 
 from crowdfence.planner import ClearAir, NoRoute, Route, corners, safe_route
@@ -210,21 +211,55 @@ def length_over_all_pairs(
     return float(shortest) if np.isfinite(shortest) else None
 
 
-def test_where_too_many_corners_hide_a_way_it_does_not_say_that_there_is_none(
+def test_where_outlines_have_too_many_corners_a_way_is_found_all_the_same(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A gate of 3 m in a long comb."""
+    """A gate of 3 m in a long comb: to its corner in the south-west, (40, 3), and on from that in the
+    north-east, (60, 6)."""
     monkeypatch.setattr(corners, "MOST_PAIRS", 10)
     monkeypatch.setattr(corners, "MOST_CORNERS", 40)
     teeth = [shapely.box(40, y, 60, y + 3.0) for y in range(-60, 60, 6)]
     wall = shapely.union_all([*teeth, shapely.box(49, -60, 50, 3), shapely.box(49, 6, 50, 60)])
     area = shapely.box(-10, -59, 110, 58)
-    with pytest.raises(NoRoute, match="no way was found within the area, though zones leave one open"):
-        safe_route((0, -30), (100, 30), [zone("Z1", wall)], within=area)
+    route = safe_route((0, -30), (100, 30), [zone("Z1", wall)], within=area)
+    way = shapely.LineString(route.waypoints)
+    assert not way.intersects(wall) and area.covers(way)
+    assert route.length_m == pytest.approx(np.hypot(40, 33) + np.hypot(20, 3) + np.hypot(40, 24), abs=0.3)
     with pytest.raises(NoRoute, match="there is no way within the area: zones close every one"):
         safe_route(
             (0, -30), (100, 30), [zone("Z1", wall), zone("Z2", shapely.box(44, 2, 46, 7))], within=area
         )
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), share=st.sampled_from([0.2, 0.4, 0.5]), timed=st.booleans())
+def test_over_open_ground_there_is_a_way_where_cells_join(seed: int, share: float, timed: bool) -> None:
+    """Cells that are open join over their edges, and not over a corner where two that are closed touch."""
+    rng = np.random.default_rng(seed)
+    closed = rng.random((12, 12)) < share
+    closed[0, 0] = closed[-1, -1] = False
+    cells = 2.0 * np.argwhere(closed) + 1000.0
+    parts = shapely.box(cells[:, 0], cells[:, 1], cells[:, 0] + 2.0, cells[:, 1] + 2.0)
+    zones = [ends_after(zone(f"Z{k}", part), 1e6) for k, part in enumerate(parts)]
+    ends = np.add(rng.uniform(0.1, 1.9, (2, 2)), [[1000.0], [1022.0]])
+    clock = {"departure_ns": DEPARTURE_NS, "speed_m_s": 2.0} if timed else {}
+    joined, _ = ndimage.label(~closed)
+    area = shapely.box(1000, 1000, 1024, 1024)
+    with pytest.MonkeyPatch.context() as limits:
+        limits.setattr(corners, "MOST_PAIRS", 0)
+        limits.setattr(corners, "MOST_CORNERS", 0)
+        if joined[0, 0] != joined[-1, -1]:
+            with pytest.raises(NoRoute, match="zones close every one of them"):
+                safe_route(*ends, zones, within=area, **clock)  # type: ignore[arg-type]
+            return
+        route = safe_route(*ends, zones, within=area, **clock)  # type: ignore[arg-type]
+    way = shapely.LineString(route.waypoints)
+    assert not shapely.intersects(way, parts).any() and area.covers(way)
+    assert route.waypoints[[0, -1]].tolist() == ends.tolist()
+    assert route.length_m > safe_route(*ends, zones, within=area).length_m - 1e-6
+    if timed:
+        assert route.stamps_ns is not None
+        assert (route.stamps_ns[-1] - DEPARTURE_NS) / 1e9 == pytest.approx(route.length_m / 2.0, abs=1e-6)
 
 
 def ends_after(one: Zone, seconds: float) -> Zone:

@@ -3,6 +3,7 @@
 - `clear_air`  points and paths in space and time against the zones that were known then
 - `route`      the shortest way round the zones of one moment
 - `corners`    where a way may turn, and which of these places see each other
+- `open_ground`  a way where there are too many of them to look along
 - `zones_met`  of thousands of zones those that a way has to do with
 - `way_out`    the nearest clear place
 - `timed_way`  the earliest one where zones have an end

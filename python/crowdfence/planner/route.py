@@ -3,8 +3,9 @@
 Where the zones are polygons, the shortest way turns at their corners only. The graph of corners that see each
 other is searched by scipy's Dijkstra, first round no zones, then round those that the way met, until it meets
 no other. Zones are grown by the clearance first; where those met have more corners than can be searched, the
-corners are those of outlines around them: a way that is found is clear, but it may not be the shortest, and a
-narrow one may be missed. The rim of an area is turned round like a zone.
+corners are those of outlines around them, and where no way leads over these, one is looked for that crosses
+open ground from triangle to triangle: what is found is clear, but it may not be the shortest. The rim of an
+area is turned round like a zone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.planner.corners import Corners, TooManyCorners, corners_round, joined, seen
+from crowdfence.planner.corners import MOST_CORNERS, Corners, TooManyCorners, corners_round, joined, seen
+from crowdfence.planner.open_ground import ground_round, way_over_open_ground
 from crowdfence.planner.place_and_time import MOST_PLACE_M, as_stamps, told
 from crowdfence.planner.timed_way import earliest_way
 from crowdfence.planner.zones_met import ZonesMet
@@ -115,6 +117,10 @@ def safe_route(
         except TooManyCorners:
             few = True
             continue
+        if route is None and not is_exact:
+            way = _over_open_ground(ends, [*lasting.all_grown, *ending.all_grown], within)
+            if way is not None:
+                return _timed(way, departure_ns, speed_m_s)
         if route is None:
             raise NoRoute(_none_found(ends, lasting, within, is_exact=is_exact))
         way = shapely.LineString(route.waypoints)
@@ -150,10 +156,7 @@ def _round(
     if not ending.zones:
         corners = joined(between, corners_round(closed, within, few=few))
         way = _shortest(corners, closed, within, few=few)
-        if way is None or departure_ns is None or speed_m_s is None:
-            return None if way is None else Route(way), corners.are_all
-        flown_m = np.concatenate([[0.0], np.linalg.norm(np.diff(way, axis=0), axis=1).cumsum()])
-        return Route(way, _stamps_ns(departure_ns, flown_m / speed_m_s)), corners.are_all
+        return None if way is None else _timed(way, departure_ns, speed_m_s), corners.are_all
     assert departure_ns is not None and speed_m_s is not None  # expires needs both
     # A way that waits for the end of a zone may lead through it from its corner, at any angle.
     around_all = shapely.union_all([closed, *ending.grown])
@@ -167,6 +170,32 @@ def _round(
     edges = seen(corners, closed, within, few=few)
     found = earliest_way(corners.places, edges, ending.grown, ends_s, speed_m_s)
     return None if found is None else _with_waits(corners.places, found, departure_ns), corners.are_all
+
+
+def _timed(way: NDArray[np.float64], departure_ns: int | None, speed_m_s: float | None) -> Route:
+    """Places [N, 2] flown one after the other without a wait."""
+    if departure_ns is None or speed_m_s is None:
+        return Route(way)
+    flown_m = np.concatenate([[0.0], np.linalg.norm(np.diff(way, axis=0), axis=1).cumsum()])
+    return Route(way, _stamps_ns(departure_ns, flown_m / speed_m_s))
+
+
+def _over_open_ground(
+    ends: NDArray[np.float64],
+    outlines: Sequence[Polygon | MultiPolygon],
+    within: Polygon | MultiPolygon | None,
+) -> NDArray[np.float64] | None:
+    """A way [N, 2] past the grown outlines of all zones, whether they end or not, over its own corners as
+    short as it can be; None where none was found."""
+    import shapely
+
+    closed = shapely.union_all(outlines)
+    shapely.prepare(closed)
+    way = way_over_open_ground(ends, closed, within or ground_round(closed, ends))
+    if way is None or len(way) > MOST_CORNERS:
+        return way
+    corners = Corners.at_any_angle(np.vstack([ends, way[1:-1]]))
+    return _shortest(corners, closed, within, few=True)
 
 
 def _require_clock(departure_ns: int | None, speed_m_s: float | None, expires: bool) -> None:

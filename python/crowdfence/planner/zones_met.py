@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.planner.open_ground import ground_round
 from crowdfence.zones import Zone
 from crowdfence.zones.grow import grown
 
@@ -38,6 +39,11 @@ class ZonesMet:
         """Their outlines, grown."""
         return [self._outline(number) for number in sorted(self._met)]
 
+    @property
+    def all_grown(self) -> list[Polygon | MultiPolygon]:
+        """Those of all zones, met or not."""
+        return [self._outline(number) for number in range(len(self._all))]
+
     def add(self, way: LineString) -> bool:
         """Those that a way meets too. Whether there are any that no way has met before."""
         before = len(self._met)
@@ -51,12 +57,9 @@ class ZonesMet:
         """Whether all zones together leave any way between two places, within an area."""
         import shapely
 
-        closed = shapely.union_all([self._outline(number) for number in range(len(self._all))])
-        if within is None:
-            west, south, east, north = shapely.total_bounds([closed, shapely.MultiPoint(ends)])
-            within = shapely.box(west - 1.0, south - 1.0, east + 1.0, north + 1.0)
+        closed = shapely.union_all(self.all_grown)
         start, goal = shapely.points(ends)
-        parts = shapely.get_parts(shapely.difference(within, closed))
+        parts = shapely.get_parts(shapely.difference(within or ground_round(closed, ends), closed))
         return bool((shapely.intersects(parts, start) & shapely.intersects(parts, goal)).any())
 
     def closing(self, place: Point) -> list[Zone]:
