@@ -1,11 +1,14 @@
 """The map's states with colours, and as a navigation map."""
 
+import errno
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 import rasterio
 import shapely
+import yaml
 from PIL import Image
 
 from crowdfence import Georeference, SurfaceGrid, VoxelState
@@ -101,3 +104,32 @@ def test_a_navigation_map_frees_what_is_known_to_be_empty_and_nothing_else(tmp_p
     with Image.open(tmp_path / "nav.pgm") as picture:
         # What the fence around the crowd touches is closed.
         assert np.asarray(picture).tolist() == [[0, 0, 254, 254], [0, 0, 205, 205]]
+
+
+@pytest.mark.parametrize("name", ["north: site #3", "- [a]", "'x", "Platz über", "7"])
+def test_a_navigation_map_names_its_picture_whatever_that_is_called(tmp_path: Path, name: str) -> None:
+    path, _, _ = written(tmp_path)
+    write_costmap(tmp_path / f"{name}.yaml", path, ())
+    told = yaml.safe_load((tmp_path / f"{name}.yaml").read_text())
+    assert told["image"] == f"{name}.pgm" and (tmp_path / told["image"]).exists()
+
+
+def test_a_navigation_map_that_cannot_be_written_leaves_the_one_before_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its picture at the place of another map would free cells elsewhere."""
+    path, _, zones = written(tmp_path)
+    write_costmap(tmp_path / "nav.yaml", path, ())
+    before = [(tmp_path / name).read_bytes() for name in ("nav.yaml", "nav.pgm")]
+    write = Path.write_bytes
+
+    def full_after_the_picture(self: Path, data: bytes) -> int:
+        if data.startswith(b"image"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(self, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full_after_the_picture)
+    (zone,) = zones  # type: ignore[misc]
+    with pytest.raises(OSError, match="No space left"):
+        write_costmap(tmp_path / "nav.yaml", path, [replace(zone, polygon=zone.polygon.buffer(1.0))])
+    assert [(tmp_path / name).read_bytes() for name in ("nav.yaml", "nav.pgm")] == before

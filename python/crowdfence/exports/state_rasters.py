@@ -8,6 +8,7 @@ reaches into is occupied, the rest is unknown.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.atomic_file import atomic_path, write_bytes
+from crowdfence.atomic_file import atomic_path
 from crowdfence.exports.closed_cells import CLOSED, reach_beyond, state_values, with_closed
 from crowdfence.exports.colours import CLOSED_COLOUR, STATE_COLOURS
 from crowdfence.exports.geotiff import LOCAL_TAG
@@ -68,15 +69,22 @@ def write_costmap(
     grey[(shown == VoxelState.CROWD) | (shown == CLOSED)] = OCCUPIED
     picture = path.with_suffix(".pgm")
     height, width = state.shape
-    write_bytes(picture, f"P5\n{width} {height}\n255\n".encode() + grey.tobytes())
     south = local.f + height * local.e
     text = (
-        f"image: {picture.name}\nresolution: {local.a!r}\n"
+        f"image: {_in_yaml(picture.name)}\nresolution: {local.a!r}\n"
         f"origin: [{local.c!r}, {south!r}, 0.0]\nnegate: 0\n"
         "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
-    write_bytes(path, text.encode())
+    # Both or none: cells of one map at the place of another are free where people stand.
+    with atomic_path(picture) as cells, atomic_path(path) as description:
+        cells.write_bytes(f"P5\n{width} {height}\n255\n".encode() + grey.tobytes())
+        description.write_bytes(text.encode())
     return reach_beyond(zones, state.shape, local)
+
+
+def _in_yaml(name: str) -> str:
+    """As it is where YAML takes it for text, else in quotes, as JSON has them."""
+    return name if re.fullmatch(r"[A-Za-z][\w.-]*", name, re.ASCII) else json.dumps(name, ensure_ascii=False)
 
 
 def _states_of(crowd_map: str | PathLike[str]) -> tuple[NDArray[np.uint8], Affine, dict[str, Any]]:
