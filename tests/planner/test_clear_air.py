@@ -94,6 +94,12 @@ def test_nothing_is_clear_beyond_the_ground_of_the_map() -> None:
     assert smaller.is_clear([(30, 30, 0), (50, 50, 0)], 0).tolist() == [True, False]
 
 
+def test_of_a_map_without_ground_nothing_is_clear() -> None:
+    air = ClearAir(zone_set(SQUARE), within=shapely.Polygon())
+    assert air.is_clear([(50, 50, 5)], 0).tolist() == [False]
+    assert air.clearance_m([(50, 50, 5), (5, 5, 5)], 0).tolist() == [-np.inf, -np.inf]
+
+
 def test_what_counts_is_what_was_known_at_the_stamp() -> None:
     air = ClearAir(history(zone_set(), zone_set(SQUARE), zone_set()))
     stamps_ns = [-1, 0, SECOND_NS - 1, SECOND_NS, 2 * SECOND_NS - 1, 2 * SECOND_NS, 10**15]

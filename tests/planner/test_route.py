@@ -316,6 +316,15 @@ def test_ends_open_the_only_way_there_is() -> None:
         safe_route((50, 0), (9, 9), [WALL], departure_ns=0, speed_m_s=1.0, expires=True)
 
 
+@pytest.mark.parametrize("end_ns", [2**62 + 1, 2**63 - 1])
+def test_a_zone_that_ends_in_another_century_is_gone_round(end_ns: int) -> None:
+    """Who waited for it arrived in the year 1677, where stamps of 64 bits begin anew."""
+    wall, ring = replace(WALL, valid_until_ns=end_ns), replace(RING, valid_until_ns=end_ns)
+    assert flown([wall], expires=True).length_m == pytest.approx(2 * np.hypot(40, 30) + 20, abs=0.3)
+    with pytest.raises(NoRoute, match="there is no way"):
+        flown([ring], expires=True)
+
+
 def test_a_zone_that_has_ended_by_the_departure_is_open_at_the_start_too() -> None:
     """As the other half of the planner has it: closed before its end, open from it on."""
     in_wall = {"departure_ns": DEPARTURE_NS, "speed_m_s": 10.0, "expires": True}

@@ -176,7 +176,7 @@ class ClearAir:
         if self._within is None:
             return np.full(len(points), np.inf)
         shapes = _shapes(points)
-        rim_m = np.asarray(shapely.distance(self._within.boundary, shapes))
+        rim_m = np.nan_to_num(shapely.distance(self._within.boundary, shapes), nan=np.inf)  # of an empty one
         return np.where(self._over_area(shapes), rim_m, -rim_m)
 
     def _conflicts(self, legs: _Legs) -> Iterator[tuple[NDArray[np.int64], list[str | None]]]:

@@ -10,6 +10,7 @@ area is turned round like a zone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.planner.corners import MOST_CORNERS, Corners, TooManyCorners, corners_round, joined, seen
 from crowdfence.planner.open_ground import ground_round, way_over_open_ground
-from crowdfence.planner.place_and_time import MOST_PLACE_M, as_stamps, told
+from crowdfence.planner.place_and_time import MOST_PLACE_M, MOST_STAMP_NS, as_stamps, told
 from crowdfence.planner.timed_way import earliest_way
 from crowdfence.planner.zones_met import ZonesMet
 from crowdfence.zones import Zone
@@ -81,7 +82,7 @@ def safe_route(
                   are no zones because nobody can look, not because nobody is there. None: no bound
     departure_ns  and `speed_m_s`, .01 to 10,000: the way says when it is where
     expires       zones may be flown through after their `valid_until_ns`: the earliest way, which may wait,
-                  never in a zone. A zone without such an end stays closed for good
+                  never in a zone. A zone without such an end, or with one beyond 2116, stays closed for good
 
     NoRoute where there is none, ValueError for no place or stamp, and for a departure without a speed.
     """
@@ -100,10 +101,9 @@ def safe_route(
     if departure_ns is not None:
         departure_ns = int(as_stamps(departure_ns, 1)[0])
     if expires and departure_ns is not None:  # what has ended by then is open, at the start too
-        zones = tuple(
-            zone for zone in zones if zone.valid_until_ns is None or zone.valid_until_ns > departure_ns
-        )
-    does_end = [expires and zone.valid_until_ns is not None for zone in zones]
+        zones = tuple(zone for zone in zones if _end_ns(zone) > departure_ns)
+    # Who waits until the last stamps that there are arrives beyond them.
+    does_end = [expires and _end_ns(zone) <= MOST_STAMP_NS for zone in zones]
     lasting = ZonesMet([zone for zone, ends in zip(zones, does_end, strict=True) if not ends], clearance_m)
     ending = ZonesMet([zone for zone, ends in zip(zones, does_end, strict=True) if ends], clearance_m)
     _require_free("start", ends[0], (lasting, ending), clearance_m, within)
@@ -206,9 +206,8 @@ def _require_clock(departure_ns: int | None, speed_m_s: float | None, expires: b
         raise ValueError(f"speed_m_s is {speed_m_s:g}; it must lie between {slowest:g} and {fastest:g}")
 
 
-def _end_ns(zone: Zone) -> int:
-    assert zone.valid_until_ns is not None
-    return zone.valid_until_ns
+def _end_ns(zone: Zone) -> float:
+    return math.inf if zone.valid_until_ns is None else zone.valid_until_ns
 
 
 def _with_waits(
