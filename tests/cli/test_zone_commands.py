@@ -629,9 +629,10 @@ def test_a_way_in_degrees_passes_the_zones_in_degrees(tmp_path: Path, far_m: int
     assert told["length_m"] == pytest.approx(100.0 + 2 * np.hypot(100.0, 20.0), abs=0.2)
 
 
-def test_a_way_without_zones_is_told_at_the_height_of_its_ground(tmp_path: Path) -> None:
+@pytest.mark.parametrize("with_others", [False, True])
+def test_a_way_without_zones_is_told_at_the_height_of_its_ground(tmp_path: Path, with_others: bool) -> None:
     """On ground 1200 m above the anchor and 4.2 km from it: its rim lies 80 cm away from places with the same
-    local metres at the anchor's height."""
+    local metres at the anchor's height. A zone of others elsewhere changes nothing."""
     frame, far_m, ground_m = Georeference(46.5, 8.0, 600.0), 3000.0, 1200.0
     corner = (far_m, far_m, ground_m)
     terrain = Terrain.from_height_map(np.zeros((40, 40)), cell_size_m=1.0).with_origin(corner)
@@ -644,7 +645,12 @@ def test_a_way_without_zones_is_told_at_the_height_of_its_ground(tmp_path: Path)
         [[far_m + 0.3, far_m + 20.0, ground_m], [far_m + 39.7, far_m + 20.0, ground_m]]
     )
     ends = [f"{north:.9f},{east:.9f}" for north, east in zip(latitude, longitude, strict=True)]
-    told = json.loads(command("route", path, "--from", ends[0], "--to", ends[1], "--json"))
+    others: tuple[object, ...] = ()
+    if with_others:
+        ring = [[8.1, 46.5], [8.11, 46.5], [8.11, 46.51], [8.1, 46.5]]
+        (tmp_path / "others.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+        others = ("--static-zones", tmp_path / "others.geojson")
+    told = json.loads(command("route", path, "--from", ends[0], "--to", ends[1], "--json", *others))
     assert told["beyond_map_m"] == 0.0
     places = [(place["east_m"] - far_m, place["north_m"] - far_m) for place in told["waypoints"]]
     assert places == [pytest.approx((0.3, 20.0), abs=2e-3), pytest.approx((39.7, 20.0), abs=2e-3)]

@@ -130,9 +130,11 @@ def route(
             frame = None if local else history.georeference
             if frame is None and not local:
                 raise ValueError("the run has no place on Earth; give local metres with --local")
-            height_m, passed = at_one_height(zones) if history.georeference else (0.0, zones)
-            if not zones and history.georeference:  # then nothing but the map says how high the ground lies
-                height_m = ground_height_of(run)
+            height_m, passed = 0.0, zones
+            if history.georeference is not None:
+                # Where no zone does, the map says how high the ground lies.
+                says = any(zone.lower_m < zone.upper_m for zone in zones)
+                height_m, passed = at_one_height(zones, 0.0 if says else ground_height_of(run))
             begin, end = _place(start, frame, height_m), _place(goal, frame, height_m)
             ground = known_ground_of(run, history)
             if ground is None and not beyond_map:

@@ -22,27 +22,27 @@ _SMALL_M = 1e-3
 """A difference of heights that moves nothing within 100 km by more than 0.02 mm."""
 
 
-def at_one_height(zones: Sequence[Zone]) -> tuple[float, tuple[Zone, ...]]:
-    """The local height half way up the ground of all zones, at which a way is told, and the zones as it must
-    pass them: grown by as much as they move between it and their own ground, and as the files of zones grow
-    them."""
+def at_one_height(zones: Sequence[Zone], ground_m: float = 0.0) -> tuple[float, tuple[Zone, ...]]:
+    """The local height half way up the ground of all zones of which it is known, at which a way is told, else
+    `ground_m`; and the zones as it must pass them: grown by as much as they move between it and their own
+    ground, and as the files of zones grow them."""
     import shapely
 
     if not zones:
-        return 0.0, ()
-    lowest_m, highest_m = min(zone.lower_m for zone in zones), max(zone.upper_m for zone in zones)
+        return ground_m, ()
+    lower_m, upper_m = np.array([(zone.lower_m, zone.upper_m) for zone in zones]).T
+    is_known = lower_m < upper_m
+    # What nobody knows the ground of, such as zones of others, may be farther below than any ground there.
+    height_m = float(lower_m[is_known].min() + upper_m[is_known].max()) / 2 if is_known.any() else ground_m
     outlines = np.array([zone.polygon for zone in zones], dtype=object)
     west, south, east, north = np.abs(shapely.bounds(outlines)).T
     reach_m = np.hypot(np.maximum(west, east), np.maximum(south, north))
     # Where nobody knows the ground, the outline stands at the height of the anchor, below the local plane.
-    is_known = np.array([zone.lower_m < zone.upper_m for zone in zones])
     below_m = np.where(is_known, 0.0, reach_m**2 / (2.0 * SMALLEST_EARTH_RADIUS_M))
-    # Half of it for the height of the way, half for that of each zone.
-    margin_m = 2.0 * MARGIN_M + reach_m * (highest_m - lowest_m + below_m) / SMALLEST_EARTH_RADIUS_M
+    apart_m = np.maximum(height_m - lower_m, upper_m - height_m)
+    margin_m = 2.0 * MARGIN_M + reach_m * (apart_m + below_m) / SMALLEST_EARTH_RADIUS_M
     grown = shapely.buffer(outlines, margin_m, join_style="mitre", mitre_limit=2.0)
-    return (lowest_m + highest_m) / 2, tuple(
-        replace(zone, polygon=polygon) for zone, polygon in zip(zones, grown, strict=True)
-    )
+    return height_m, tuple(replace(zone, polygon=polygon) for zone, polygon in zip(zones, grown, strict=True))
 
 
 def local_place(
