@@ -221,10 +221,12 @@ def test_where_outlines_have_too_many_corners_a_way_is_found_all_the_same(
     teeth = [shapely.box(40, y, 60, y + 3.0) for y in range(-60, 60, 6)]
     wall = shapely.union_all([*teeth, shapely.box(49, -60, 50, 3), shapely.box(49, 6, 50, 60)])
     area = shapely.box(-10, -59, 110, 58)
-    route = safe_route((0, -30), (100, 30), [zone("Z1", wall)], within=area)
-    way = shapely.LineString(route.waypoints)
-    assert not way.intersects(wall) and area.covers(way)
-    assert route.length_m == pytest.approx(np.hypot(40, 33) + np.hypot(20, 3) + np.hypot(40, 24), abs=0.3)
+    # Without the area there is a way round the comb, half as long again.
+    for within in (area, None):
+        route = safe_route((0, -30), (100, 30), [zone("Z1", wall)], within=within)
+        way = shapely.LineString(route.waypoints)
+        assert not way.intersects(wall) and area.covers(way)
+        assert route.length_m == pytest.approx(np.hypot(40, 33) + np.hypot(20, 3) + np.hypot(40, 24), abs=0.3)
     with pytest.raises(NoRoute, match="there is no way within the area: zones close every one"):
         safe_route(
             (0, -30), (100, 30), [zone("Z1", wall), zone("Z2", shapely.box(44, 2, 46, 7))], within=area
@@ -256,7 +258,9 @@ def test_over_open_ground_there_is_a_way_where_cells_join(seed: int, share: floa
     way = shapely.LineString(route.waypoints)
     assert not shapely.intersects(way, parts).any() and area.covers(way)
     assert route.waypoints[[0, -1]].tolist() == ends.tolist()
-    assert route.length_m > safe_route(*ends, zones, within=area).length_m - 1e-6
+    # Where two zones meet, corners of the shortest way may stick out further by as much as they lie outside.
+    turns_m = TURN_M * len(route.waypoints)
+    assert route.length_m > safe_route(*ends, zones, within=area).length_m - turns_m
     if timed:
         assert route.stamps_ns is not None
         assert (route.stamps_ns[-1] - DEPARTURE_NS) / 1e9 == pytest.approx(route.length_m / 2.0, abs=1e-6)

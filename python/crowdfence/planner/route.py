@@ -3,9 +3,9 @@
 Where the zones are polygons, the shortest way turns at their corners only. The graph of corners that see each
 other is searched by scipy's Dijkstra, first round no zones, then round those that the way met, until it meets
 no other. Zones are grown by the clearance first; where those met have more corners than can be searched, the
-corners are those of outlines around them, and where no way leads over these, one is looked for that crosses
-open ground from triangle to triangle: what is found is clear, but it may not be the shortest. The rim of an
-area is turned round like a zone.
+corners are those of outlines around them, and another way is looked for, over open ground from triangle to
+triangle: the better one is clear, but it may not be the shortest. The rim of an area is turned round like a
+zone.
 """
 
 from __future__ import annotations
@@ -117,19 +117,21 @@ def safe_route(
         except TooManyCorners:
             few = True
             continue
-        if route is None and not is_exact:
-            way = _over_open_ground(ends, [*lasting.all_grown, *ending.all_grown], within)
-            if way is not None:
-                return _timed(way, departure_ns, speed_m_s)
         if route is None:
-            raise NoRoute(_none_found(ends, lasting, within, is_exact=is_exact))
+            other = None if is_exact else _over_open_ground(ends, lasting, ending, within)
+            if other is None:
+                raise NoRoute(_none_found(ends, lasting, within, is_exact=is_exact))
+            return _timed(other, departure_ns, speed_m_s)
         way = shapely.LineString(route.waypoints)
         leaves = area is None and within is not None and not within.covers(way)
         if leaves:
             area = within
         # Round some zones the way is no longer than round all: where it meets no other it is the same.
         if not any([lasting.add(way), ending.add(way), leaves]):
-            return route
+            other = None if is_exact else _over_open_ground(ends, lasting, ending, within)
+            if other is None:
+                return route
+            return min(route, _timed(other, departure_ns, speed_m_s), key=_arrival)
         rough_rounds += not is_exact
         if rough_rounds == MOST_ROUGH_ROUNDS:
             lasting.add_all()
@@ -169,7 +171,9 @@ def _round(
     ends_s = np.array([(_end_ns(zone) - departure_ns) / 1e9 for zone in ending.zones])
     edges = seen(corners, closed, within, few=few)
     found = earliest_way(corners.places, edges, ending.grown, ends_s, speed_m_s)
-    return None if found is None else _with_waits(corners.places, found, departure_ns), corners.are_all
+    flown = None if found is None else _with_waits(corners.places, found, departure_ns)
+    # Beside coarser ones all of them are there, unless a few are asked.
+    return flown, corners.are_all or not few
 
 
 def _timed(way: NDArray[np.float64], departure_ns: int | None, speed_m_s: float | None) -> Route:
@@ -180,16 +184,18 @@ def _timed(way: NDArray[np.float64], departure_ns: int | None, speed_m_s: float 
     return Route(way, _stamps_ns(departure_ns, flown_m / speed_m_s))
 
 
+def _arrival(route: Route) -> float:
+    return route.length_m if route.stamps_ns is None else float(route.stamps_ns[-1])
+
+
 def _over_open_ground(
-    ends: NDArray[np.float64],
-    outlines: Sequence[Polygon | MultiPolygon],
-    within: Polygon | MultiPolygon | None,
+    ends: NDArray[np.float64], lasting: ZonesMet, ending: ZonesMet, within: Polygon | MultiPolygon | None
 ) -> NDArray[np.float64] | None:
     """A way [N, 2] past the grown outlines of all zones, whether they end or not, over its own corners as
     short as it can be; None where none was found."""
     import shapely
 
-    closed = shapely.union_all(outlines)
+    closed = shapely.union_all([*lasting.all_grown, *ending.all_grown])
     shapely.prepare(closed)
     way = way_over_open_ground(ends, closed, within or ground_round(closed, ends))
     if way is None or len(way) > MOST_CORNERS:
