@@ -13,10 +13,14 @@ import shapely
 from crowdfence import Georeference, Terrain
 from crowdfence.config import ZoneConfig
 from crowdfence.exports.geographic_outline import geographic_outline
+from crowdfence.exports.map_description import MapDescription
+from crowdfence.exports.sites_geojson import write_sites
+from crowdfence.fence_sync.zone_source import read_geojson
 from crowdfence.static_zones import StaticZoneError, open_static_zones, read_static_zones
 from crowdfence.zones import AltitudeBand, Zone, ZoneEngine
 from crowdfence.zones.given_ground import on_ground
 from crowdfence.zones.history import zone_of_record, zone_record
+from crowdfence.zones.sites import find_sites
 from support.small_crowd_maps import flat_crowd_map
 
 ANCHOR = Georeference(46.5, 8.0, 1200.0)
@@ -521,6 +525,17 @@ def test_polygons_in_collections_are_closed_and_the_rest_is_told(tmp_path: Path)
     path.write_text(json.dumps({"type": "GeometryCollection", "geometries": [inner, polygon]}))
     read = open_static_zones(path, ANCHOR)
     assert len(read.zones) == 2 and read.left_out == ("feature 1: a Point closes no ground",)
+
+
+def test_landing_sites_of_ours_close_nothing(tmp_path: Path) -> None:
+    """Their file beside that of the zones is the one of where to land: as zones it would close just that."""
+    sites = find_sites(flat_crowd_map(np.full((9, 9), 0.9)), 0, threshold=0.5)
+    path = tmp_path / "sites.geojson"
+    write_sites(path, sites, MapDescription(0, 0.5, "evidence", layer="landing-site"), ANCHOR)
+    read = open_static_zones(path, ANCHOR)
+    assert read.zones == () and read.left_out == ("S1: a landing site of ours, which closes nothing",)
+    with pytest.raises(StaticZoneError, match="S1: a landing site of ours, which closes nothing"):
+        read_geojson(path)
 
 
 def test_a_mark_of_the_byte_order_before_a_kml_is_no_part_of_it(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from crowdfence.datum import datum_doubt, wgs84_from
 from crowdfence.errors import quoted
+from crowdfence.sources.layers import LANDING_SITE
 from crowdfence.static_zones.given_zone import GivenZone, band_of, naming, ring_of
 
 if TYPE_CHECKING:
@@ -44,6 +45,9 @@ def geojson_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[
             left_out.append(
                 f"{name}: an inclusion fence, which closes what lies around it; no zone does that"
             )
+            continue
+        if _is_of_sites(document):
+            left_out.append(f"{name}: a landing site of ours, which closes nothing")
             continue
         crs = _stated_crs(document, feature, feature["geometry"])
         if crs is not None:
@@ -92,6 +96,12 @@ def _radius_of(point: Mapping[str, Any], properties: Mapping[str, Any]) -> Any:
     if point.get("extent"):
         return point["extent"]["radius"]
     return properties["radius"] if properties.get("subType") == "Circle" else None
+
+
+def _is_of_sites(document: Mapping[str, Any]) -> bool:
+    """Whether it is the file of sites that a run of the layer wrote."""
+    told = document.get("crowdfence")
+    return isinstance(told, dict) and told.get("layer") == LANDING_SITE
 
 
 def _geometries(geometry: Any) -> list[Any]:
