@@ -520,6 +520,14 @@ def test_ground_that_was_seen_empty_is_not_so_for_ever(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, [*way, "+29", "--known-empty"]).exit_code == 0
     done = CliRunner().invoke(app, [*way, "+31", "--known-empty"])
     assert done.exit_code == GATE_NOT_MET and "not known to be empty" in done.stderr
+    # It departs after 20 s, and arrives after 38 s, or 29 s.
+    for speed_m_s, aged_m in ((1, 18.0), (2, 0.0)):
+        done = CliRunner().invoke(app, [*way, "+20", "--known-empty", "--speed-m-s", str(speed_m_s)])
+        report = json.loads(done.stdout)
+        assert report["not_known_empty_m"] == 0.0
+        assert report["not_known_empty_on_arrival_m"] == pytest.approx(aged_m)
+        told = "by the arrival 18.0 of 18.0 m lie over ground that is not known to be empty"
+        assert (told in " ".join(done.stderr.split())) == (aged_m > 0.0)
 
 
 def test_a_way_through_a_run_without_a_map_says_so(run: Path) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from crowdfence.exports.state_raster import StateRaster
     from crowdfence.georeference import Georeference
     from crowdfence.planner import Route
+    from crowdfence.zones.history import ZoneHistory
 
 _UNKNOWN = {
     "never_seen": "never seen or beyond the map",
@@ -168,6 +169,7 @@ def route(
             "clearance_m": clearance_m,
             "expires": expires,
             **_told(found, history.georeference, ground, height_m, states),
+            "not_known_empty_on_arrival_m": _aged_m(run, history, found, states),
         }
         if output is not None:
             from crowdfence.exports.route_geojson import route_geojson
@@ -189,6 +191,12 @@ def route(
         console.warn(_NO_STATES.format(run=run))
     elif report["not_known_empty_m"] >= _TOLD_M:
         console.warn(_over_unknown(report))
+    aged_m = report["not_known_empty_on_arrival_m"]
+    if aged_m is not None and aged_m - report["not_known_empty_m"] >= _TOLD_M:
+        console.warn(
+            f"by the arrival {aged_m:.1f} of {report['length_m']:.1f} m lie over ground that is not known to "
+            "be empty: looks at it have grown old by then, unless a drone looks again"
+        )
     if as_json:
         console.print_json(report)
         return
@@ -246,6 +254,23 @@ def _over_unknown(report: dict[str, Any]) -> str:
         f"{unknown_m:.1f} of {length_m:.1f} m of the way lie over ground that is not known to be empty: "
         f"{', '.join(parts)}; no zone only means that no crowd was seen. --known-empty keeps off such ground"
     )
+
+
+def _aged_m(
+    run: Path, history: ZoneHistory, found: Route, at_departure: StateRaster | None
+) -> float | None:
+    """How much of a way lies over ground that is not known to be empty by what is known now when it arrives;
+    None for a way without times, and where nothing is known."""
+    from crowdfence.planner.seen_ground import metres_by_state
+    from crowdfence.result_folder import open_states
+
+    if found.stamps_ns is None or at_departure is None:
+        return None
+    states = open_states(run, history, int(found.stamps_ns[-1]))
+    if states is None:
+        return None
+    metres = metres_by_state(found.waypoints, states)
+    return sum(length_m for state, length_m in metres.items() if state.name.lower() in _UNKNOWN)
 
 
 def _told(
