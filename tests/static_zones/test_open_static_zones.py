@@ -495,6 +495,30 @@ def test_what_is_wrong_with_a_zone_is_told_with_its_name(tmp_path: Path, content
         opened(tmp_path, content)
 
 
+def test_an_outline_that_crosses_itself_far_away_does_not_take_a_national_file_with_it(
+    tmp_path: Path,
+) -> None:
+    """A degree is 111 km. Within it nobody knows what ground is meant, and the file is refused."""
+
+    def file(north: float) -> dict[str, Any]:
+        crossed = [[east, latitude + north] for east, latitude in BOW_TIE]
+        outlines = {"sound": SQUARE, "crossed": crossed}
+        features = [
+            {"type": "Feature", "id": name, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+            for name, ring in outlines.items()
+        ]
+        return {"type": "FeatureCollection", "features": features}
+
+    path = tmp_path / "national.json"
+    path.write_text(json.dumps(file(1.01)))
+    read = open_static_zones(path, ANCHOR)
+    assert [zone.id for zone in read.zones] == ["sound"]
+    (told,) = read.left_out
+    assert told.startswith("crossed: Self-intersection") and "lies more than 1 degree away" in told
+    with pytest.raises(StaticZoneError, match=r"'crossed': Self-intersection.*take it out of the file"):
+        opened(tmp_path, file(0.99))
+
+
 def test_what_no_mission_comes_to_is_told_and_so_is_a_file_without_zones(tmp_path: Path) -> None:
     """As the overseas territories of a national file, one of them at our antipode, which the local plane
     would put beside us."""

@@ -256,9 +256,7 @@ def _over_unknown(report: dict[str, Any]) -> str:
     )
 
 
-def _aged_m(
-    run: Path, history: ZoneHistory, found: Route, at_departure: StateRaster | None
-) -> float | None:
+def _aged_m(run: Path, history: ZoneHistory, found: Route, at_departure: StateRaster | None) -> float | None:
     """How much of a way lies over ground that is not known to be empty by what is known now when it arrives;
     None for a way without times, and where nothing is known."""
     from crowdfence.planner.seen_ground import metres_by_state

@@ -37,6 +37,7 @@ _MAX_LONGITUDE_DEG = 540.0
 """Files that go on beyond the antimeridian write 181; what is farther round is no longitude."""
 _FAR_DEG = 20.0
 """No mission comes to a zone so far away."""
+_IS_FAR = f"lies more than {_FAR_DEG:g} degrees away"
 _MAX_REACH_DEG = 60.0
 """The local plane holds what is nearer than a quarter of the Earth's circumference."""
 _NEAR_DEG = 1.0
@@ -81,16 +82,16 @@ def local_zones(
 ) -> list[Zone]:
     """The zones in local metres. A name that is too long for an id, taken or like one of ours is replaced by
     a number; `taken` receives the ids, `left_out` what is too far away, and that all of it is where exchanged
-    coordinates would be near. ValueError for an outline that is empty, crosses itself, is not finite or
-    reaches round the Earth."""
+    coordinates would be near. ValueError for an outline that is empty, crosses itself in the area of the
+    mission, is not finite or reaches round the Earth."""
     zones = []
     numbers = count(1)
     exchanged = 0
     for one in given:
         exchanged += _would_be_near_exchanged(one, georeference)
         polygon = _circle(one, georeference) if one.centre is not None else _polygon(one, georeference)
-        if polygon is None:
-            left_out.append(f"{one.name}: lies more than {_FAR_DEG:g} degrees away")
+        if isinstance(polygon, str):
+            left_out.append(f"{one.name}: {polygon}")
             continue
         id = _free_id(one.name, taken, numbers)
         taken.add(id)
@@ -155,8 +156,8 @@ def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     return ring if len(ring) == 0 or (ring[0] == ring[-1]).all() else np.vstack([ring, ring[:1]])
 
 
-def _polygon(given: GivenZone, georeference: Georeference) -> Polygon | None:
-    """None where it is far away."""
+def _polygon(given: GivenZone, georeference: Georeference) -> Polygon | str:
+    """Or why it is left out."""
     import shapely
 
     rings = [_closed(ring) for ring in given.rings]
@@ -165,11 +166,19 @@ def _polygon(given: GivenZone, georeference: Georeference) -> Polygon | None:
     _check_places(given.name, rings[0])
     unwrapped = [_beside(ring, georeference) for ring in rings]
     shape = shapely.Polygon(unwrapped[0], unwrapped[1:])
-    if not shape.is_valid or shape.is_empty:
-        raise ValueError(f"zone {given.name!r}: {shapely.is_valid_reason(shape)}")
     anchor = np.array([georeference.longitude_deg, georeference.latitude_deg])
+    if not shape.is_valid or shape.is_empty:
+        why = shapely.is_valid_reason(shape)
+        # Nobody knows what ground it means, but within which it lies.
+        west, south, east, north = shape.bounds
+        nearest = anchor.clip([west, south], [east, north])
+        if _away_deg(nearest, georeference) > _NEAR_DEG:
+            return f"{why}, and it lies more than {_NEAR_DEG:g} degree away"
+        raise ValueError(
+            f"zone {given.name!r}: {why}; mend its outline where it was drawn, or take it out of the file"
+        )
     if shape.distance(shapely.Point(anchor)) > _FAR_DEG:
-        return None
+        return _IS_FAR
     if abs(unwrapped[0] - anchor).max() > _MAX_REACH_DEG:
         raise ValueError(
             f"zone {given.name!r} reaches {_MAX_REACH_DEG:g} degrees away: no local plane holds it"
@@ -178,8 +187,8 @@ def _polygon(given: GivenZone, georeference: Georeference) -> Polygon | None:
     return shapely.transform(dense, lambda corners: _local(corners, georeference))
 
 
-def _circle(given: GivenZone, georeference: Georeference) -> Polygon | None:
-    """Around the circle, not in it; None where it is far away."""
+def _circle(given: GivenZone, georeference: Georeference) -> Polygon | str:
+    """Around the circle, not in it; or why it is left out."""
     import shapely
 
     assert given.centre is not None
@@ -188,7 +197,7 @@ def _circle(given: GivenZone, georeference: Georeference) -> Polygon | None:
         raise ValueError(f"zone {given.name!r} is a circle of {given.radius_m:g} m")
     _check_places(given.name, centre)
     if _away_deg(centre[0], georeference) - np.rad2deg(given.radius_m / SMALLEST_EARTH_RADIUS_M) > _FAR_DEG:
-        return None
+        return _IS_FAR
     middle = _local(centre, georeference)[0]
     angle = 2 * np.pi * np.arange(_CIRCLE_CORNERS) / _CIRCLE_CORNERS
     reach_m = _HIGHER_GROUND * given.radius_m / np.cos(np.pi / _CIRCLE_CORNERS)
