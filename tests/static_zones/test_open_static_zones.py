@@ -335,6 +335,38 @@ def test_a_zone_across_the_antimeridian_is_one(tmp_path: Path) -> None:
     assert east - west == pytest.approx(213.0, abs=0.5)
 
 
+def test_a_zone_across_the_antimeridian_is_far_from_the_other_side_of_the_earth(tmp_path: Path) -> None:
+    """At the anchor's latitude, 2 degrees wide: it was taken for one of 358 degrees around the Earth, and
+    the file with it was refused."""
+    ring = [[179.0, 46.0], [-179.0, 46.0], [-179.0, 47.0], [179.0, 47.0], [179.0, 46.0]]
+    square = {"type": "Polygon", "coordinates": [[[east - 8.0, north] for east, north in SQUARE]]}
+    features = [
+        {"type": "Feature", "id": name, "geometry": geometry}
+        for name, geometry in (("here", square), ("there", {"type": "Polygon", "coordinates": [ring]}))
+    ]
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    read = open_static_zones(path, Georeference(46.5, 0.0, 1200.0))
+    assert [zone.id for zone in read.zones] == ["here"]
+    assert read.left_out == ("there: lies more than 20 degrees away",)
+
+
+@pytest.mark.parametrize("hole", [[179.9, -179.9], [-180.1, -179.9], [179.9, 180.1]])
+def test_a_hole_across_the_antimeridian_is_in_its_zone(tmp_path: Path, hole: list[float]) -> None:
+    """However its longitudes are written: it is closed where nobody has said otherwise."""
+    west, east = hole
+    rings = [
+        [[179.0, 46.0], [-179.0, 46.0], [-179.0, 47.0], [179.0, 47.0], [179.0, 46.0]],
+        [[west, 46.4], [east, 46.4], [east, 46.6], [west, 46.6], [west, 46.4]],
+    ]
+    content = {"type": "Polygon", "coordinates": rings}
+    (zone,) = opened(tmp_path, content, Georeference(46.5, 180.0, 0.0))
+    (ring,) = zone.polygon.interiors
+    # 0.2 of 2 degrees wide, 0.2 of 1 degree high: 1/50 of the whole.
+    filled = shapely.Polygon(zone.polygon.exterior)
+    assert shapely.Polygon(ring).area / filled.area == pytest.approx(0.02, rel=0.01)
+
+
 def test_many_zones_are_read_at_the_cost_of_each(tmp_path: Path) -> None:
     """Ids of ours are not theirs: each of the zones needs a free number."""
 
@@ -517,6 +549,10 @@ def test_an_outline_that_crosses_itself_far_away_does_not_take_a_national_file_w
     assert told.startswith("crossed: Self-intersection") and "lies more than 1 degree away" in told
     with pytest.raises(StaticZoneError, match=r"'crossed': Self-intersection.*take it out of the file"):
         opened(tmp_path, file(0.99))
+    # All of the Earth, whose sides fall together where longitude goes round: it does not lie at 180 degrees.
+    world = [[-180.0, -80.0], [180.0, -80.0], [180.0, 80.0], [-180.0, 80.0], [-180.0, -80.0]]
+    with pytest.raises(StaticZoneError, match="take it out of the file"):
+        opened(tmp_path, {"type": "Polygon", "coordinates": [world]})
 
 
 def test_what_no_mission_comes_to_is_told_and_so_is_a_file_without_zones(tmp_path: Path) -> None:

@@ -164,15 +164,16 @@ def _polygon(given: GivenZone, georeference: Georeference) -> Polygon | str:
     if not rings or any(len(ring) < 4 or not np.isfinite(ring).all() for ring in rings):
         raise ValueError(f"zone {given.name!r} has no outline of at least three corners")
     _check_places(given.name, rings[0])
-    unwrapped = [_beside(ring, georeference) for ring in rings]
+    outline = _beside(rings[0], georeference.longitude_deg)
+    middle_deg = float(outline[:, 0].min() + outline[:, 0].max()) / 2.0
+    unwrapped = [outline, *(_beside(ring, middle_deg) for ring in rings[1:])]
     shape = shapely.Polygon(unwrapped[0], unwrapped[1:])
     anchor = np.array([georeference.longitude_deg, georeference.latitude_deg])
     if not shape.is_valid or shape.is_empty:
         why = shapely.is_valid_reason(shape)
-        # Nobody knows what ground it means, but within which it lies.
-        west, south, east, north = shape.bounds
-        nearest = anchor.clip([west, south], [east, north])
-        if _away_deg(nearest, georeference) > _NEAR_DEG:
+        # Nobody knows what ground it means, but within which it lies, whichever way round the Earth.
+        nearest = [anchor.clip(ring.min(axis=0), ring.max(axis=0)) for ring in (outline, rings[0])]
+        if min(_away_deg(place, georeference) for place in nearest) > _NEAR_DEG:
             return f"{why}, and it lies more than {_NEAR_DEG:g} degree away"
         raise ValueError(
             f"zone {given.name!r}: {why}; mend its outline where it was drawn, or take it out of the file"
@@ -231,11 +232,15 @@ def _check_places(name: str, corners: NDArray[np.float64]) -> None:
         raise ValueError(f"zone {name!r} has a longitude of {longitude_deg:g} degrees")
 
 
-def _beside(ring: NDArray[np.float64], georeference: Georeference) -> NDArray[np.float64]:
-    """On one branch of longitude, around the anchor, so that no ring jumps across the antimeridian."""
-    anchor_deg = georeference.longitude_deg
-    longitude = anchor_deg + (ring[:, 0] - anchor_deg + 180.0) % 360.0 - 180.0
-    return np.column_stack([longitude, ring[:, 1]])
+def _beside(ring: NDArray[np.float64], around_deg: float) -> NDArray[np.float64]:
+    """On one branch of longitude, that which lies nearest to `around_deg`, so that no ring jumps across the
+    antimeridian: between two corners it goes the short way round."""
+    longitude = ring[:, 0]
+    steps = (np.diff(longitude) + 180.0) % 360.0 - 180.0
+    turns = np.append(0.0, np.round((np.cumsum(steps) - (longitude[1:] - longitude[0])) / 360.0))
+    onward = longitude + 360.0 * turns
+    middle_deg = (onward.min() + onward.max()) / 2.0
+    return np.column_stack([onward + 360.0 * np.round((around_deg - middle_deg) / 360.0), ring[:, 1]])
 
 
 def _local(corners: NDArray[np.float64], georeference: Georeference) -> NDArray[np.float64]:
