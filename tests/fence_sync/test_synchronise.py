@@ -276,6 +276,29 @@ def test_a_fence_that_will_not_be_kept_is_an_alarm(
     assert covers(vehicle, FAR)
 
 
+@pytest.mark.parametrize(
+    ("geofence", "armed", "told_of_it"),
+    [
+        ((True, False), True, True),
+        ((True, False), False, False),  # FENCE_AUTOENABLE switches it on at the take-off
+        ((True, True), True, False),
+        ((False, False), True, False),
+        (None, True, False),
+    ],
+)
+def test_a_fence_that_is_switched_off_in_flight_is_an_alarm(
+    tmp_path: Path, geofence: tuple[bool, bool] | None, armed: bool, told_of_it: bool
+) -> None:
+    """FENCE_ENABLE stays 1 then, and nothing keeps the vehicle out."""
+    keeps = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
+    vehicle = EmulatedVehicle(autopilot=ARDUPILOT, parameters=keeps, geofence=geofence, armed=armed)
+    keep = keeper(vehicle, tmp_path)
+    keep.station.listen(2.5)
+    report = keep.put(FAR, HERE)
+    assert alarms(report) == ["not_enforced"] * told_of_it
+    assert not told_of_it or "says that its fence is off" in told(report)["not_enforced"]
+
+
 def test_an_autopilot_that_nobody_knows(tmp_path: Path) -> None:
     report = keeper(EmulatedVehicle(autopilot=0), tmp_path).put(FAR, HERE)
     assert alarms(report) == ["autopilot_unknown"]

@@ -305,6 +305,20 @@ def test_each_parameter_that_switches_a_fence_off_is_named(tmp_path: Path) -> No
     assert [alarm.text.split(" is ")[0] for alarm in watched.watch.alarms] == ["FENCE_ENABLE"]
 
 
+def test_a_switch_that_puts_a_fence_off_in_flight_is_told_until_it_is_on_again(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, check_s=5.0)
+    keeps = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
+    watched.vehicle.autopilot, watched.vehicle.parameters = ARDUPILOT, keeps
+    watched.watch._keeper.station.vehicle.autopilot = ARDUPILOT
+    watched.vehicle.geofence = (True, True)
+    watched.run(3.0)
+    assert watched.watch.alarms == ()
+    watched.vehicle.geofence = (True, False)
+    assert watched.run(8.0) == ["not_enforced"]
+    watched.vehicle.geofence = (True, True)
+    assert watched.run(8.0) == [] and watched.watch.alarms == ()
+
+
 def test_a_home_that_is_set_in_the_fence_is_an_alarm(tmp_path: Path) -> None:
     """Whoever takes off elsewhere has another home; not every autopilot says so by itself."""
     watched = Watched(tmp_path, check_s=5.0)

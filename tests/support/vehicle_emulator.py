@@ -80,6 +80,8 @@ class EmulatedVehicle:
     uid: int = 0x1234
     armed: bool = True
     mute: bool = False
+    geofence: tuple[bool, bool] | None = None
+    """Present and enabled, as ArduPilot says it."""
     rejects: int | None = None
     """MAV_MISSION_RESULT of every upload."""
     says: str | None = None
@@ -116,6 +118,9 @@ class EmulatedVehicle:
             self._say(self._mavlink.heartbeat_encode(2, self.autopilot, mode, 0, 4))
             if self.position is not None:
                 self._say(self._position_packet())
+            if self.geofence is not None:
+                bits = [mavlink.MAV_SYS_STATUS_GEOFENCE * one for one in self.geofence]
+                self._say(self._mavlink.sys_status_encode(*bits, bits[0], 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
         if now_s - self._begun_s > GIVE_UP_S:
             self._expected = self._sending = None
         if self._expected is not None and now_s - self._asked_s >= RETRY_S:

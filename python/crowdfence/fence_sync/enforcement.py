@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from crowdfence.fence_sync.fence_error import FenceError
 from crowdfence.fence_sync.fence_event import FenceEvent
+from crowdfence.fence_sync.ground_station import Vehicle
 from crowdfence.fence_sync.messages import Autopilot
 
 TERMINATE = 4
@@ -20,17 +21,24 @@ PARAMETERS: Mapping[int, tuple[str, ...]] = {
 }
 
 
-def enforcement(autopilot: int, values: Mapping[str, float]) -> Iterator[FenceEvent]:
-    """What will not happen at the fence. FenceError where the vehicle would be dropped on the crowd, or
-    where it is not known that it would not."""
-    if autopilot == Autopilot.PX4:
+def enforcement(vehicle: Vehicle, values: Mapping[str, float]) -> Iterator[FenceEvent]:
+    """What will not happen at the fence, by parameters and by what the vehicle says of it. FenceError where
+    the vehicle would be dropped on the crowd, or where it is not known that it would not."""
+    if vehicle.autopilot == Autopilot.PX4:
         yield from _px4(values)
-    elif autopilot == Autopilot.ARDUPILOT:
-        yield from _ardupilot(values)
+    elif vehicle.autopilot == Autopilot.ARDUPILOT:
+        parameters = list(_ardupilot(values))
+        yield from parameters
+        if not parameters and _is_switched_off(vehicle):
+            yield _not_enforced(
+                "the vehicle says that its fence is off, whatever FENCE_ENABLE is: a switch of the "
+                "transmitter, a command or a landing did that; switch it on again"
+            )
     else:
         yield FenceEvent(
             "autopilot_unknown",
-            f"autopilot {autopilot} is neither PX4 nor ArduPilot: what it does at a fence is not known",
+            f"autopilot {vehicle.autopilot} is neither PX4 nor ArduPilot: what it does at a fence is not "
+            "known",
             alarm=True,
         )
 
@@ -65,6 +73,12 @@ def _ardupilot(values: Mapping[str, float]) -> Iterator[FenceEvent]:
         yield _not_enforced(f"FENCE_TYPE is {fence_type}: polygons and circles are ignored; set {wanted}")
     if values.get("FENCE_ACTION", 1.0) == 0.0:
         yield _not_enforced("FENCE_ACTION is 0 (report only): the vehicle flies through the fence; set 1")
+
+
+def _is_switched_off(vehicle: Vehicle) -> bool:
+    """Before it is armed it may be off until the take-off (FENCE_AUTOENABLE)."""
+    geofence = vehicle.geofence
+    return vehicle.armed and geofence is not None and geofence.present and not geofence.enabled
 
 
 def _not_enforced(text: str) -> FenceEvent:

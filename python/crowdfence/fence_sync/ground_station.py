@@ -12,6 +12,7 @@ from crowdfence.fence_sync.fence_error import FenceError
 from crowdfence.fence_sync.mavlink_codec import Heard, MavlinkCodec
 from crowdfence.fence_sync.messages import (
     Autopilot,
+    Geofence,
     Heartbeat,
     Home,
     Message,
@@ -42,6 +43,8 @@ class Vehicle:
     position: Position | None = None
     position_s: float = float("-inf")
     home: Home | None = None
+    geofence: Geofence | None = None
+    """None where it says nothing of it."""
     uid: str = ""
     strangers: set[str] = field(default_factory=set)
     """Numbers of others that answer under its system id."""
@@ -182,6 +185,8 @@ def _note(vehicle: Vehicle, message: Message, now_s: float) -> None:
         vehicle.position, vehicle.position_s = message, now_s
     elif isinstance(message, Home):
         vehicle.home = message
+    elif isinstance(message, Geofence):
+        vehicle.geofence = message
     elif isinstance(message, Version):
         if vehicle.uid and message.uid not in ("", vehicle.uid):
             vehicle.strangers.add(message.uid)

@@ -15,6 +15,7 @@ from crowdfence.fence_sync.messages import (
     Command,
     CommandAck,
     Count,
+    Geofence,
     Heartbeat,
     Home,
     Item,
@@ -35,6 +36,8 @@ we speak (FS_GCS_ENABLE), and would take our list for a new beginning of one tha
 _FENCE = 1
 """MAV_MISSION_TYPE_FENCE."""
 _REQUEST_MESSAGE = 512
+_GEOFENCE = 0x100000
+"""MAV_SYS_STATUS_GEOFENCE."""
 _ARMED = 128
 _REAL = (9, 10)
 """MAV_PARAM_TYPE_REAL32 and 64; the others are whole numbers."""
@@ -180,6 +183,10 @@ _READERS: dict[str, Callable[[Any], Message | None]] = {
     ),
     "HOME_POSITION": lambda packet: (
         Home(packet.latitude / 1e7, packet.longitude / 1e7) if packet.latitude or packet.longitude else None
+    ),
+    "SYS_STATUS": lambda packet: Geofence(
+        bool(packet.onboard_control_sensors_present & _GEOFENCE),
+        bool(packet.onboard_control_sensors_enabled & _GEOFENCE),
     ),
     "AUTOPILOT_VERSION": _read_version,
     "PARAM_VALUE": _read_parameter,

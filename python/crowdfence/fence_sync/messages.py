@@ -103,6 +103,14 @@ class Home:
 
 
 @dataclass(frozen=True, slots=True)
+class Geofence:
+    """What a vehicle says by itself of its fence (SYS_STATUS)."""
+
+    present: bool
+    enabled: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Version:
     """Which vehicle it is."""
 
@@ -155,6 +163,7 @@ Message = (
     | StatusText
     | Position
     | Home
+    | Geofence
     | Version
     | RequestMessage
     | ReadParameter

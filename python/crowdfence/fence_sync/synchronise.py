@@ -192,12 +192,12 @@ class FenceKeeper:
         yield from inside(self.station.vehicle, shapes, zones, georeference)
 
     def enforcement(self) -> list[FenceEvent]:
-        """What the vehicle will not do at its fence, by its parameters. FenceError as of `enforcement`."""
+        """What the vehicle will not do at its fence. FenceError as of `enforcement`."""
         station = self.station
         autopilot = station.vehicle.autopilot
         names = PARAMETERS.get(autopilot, ())
         values = station.hold(parameters(names, autopilot, station.clock, station.patience))
-        return list(enforcement(autopilot, values))
+        return list(enforcement(station.vehicle, values))
 
     def strangers(self, *, most_tries: int = OPTIONAL_TRIES) -> list[FenceEvent]:
         """Whether others than this vehicle answer under its system id, as far as vehicles say a number of
