@@ -31,13 +31,13 @@ from uas_standards.astm.f3548.v21 import api as f3548_api
 from uas_standards.astm.f3548.v21 import constants as f3548_constants
 
 from crowdfence import Georeference
-from crowdfence.exports.geographic_circle import great_circle_m
 from crowdfence.exports.geojson import zones_geojson
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, qgc_plan
 from crowdfence.exports.zone_formats.geoid import geoid_heights_m
 from crowdfence.exports.zone_formats.over_coverage import over_coverage_m2
 from crowdfence.exports.zone_formats.times import rfc3339
+from crowdfence.great_circle import great_circle_m
 from crowdfence.static_zones import open_static_zones
 from crowdfence.zones import AltitudeBand, Zone, ZoneSet
 from crowdfence.zones.zone_id import zone_id

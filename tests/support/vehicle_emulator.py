@@ -23,7 +23,7 @@ import numpy as np
 import shapely
 from pymavlink.dialects.v20 import common as mavlink
 
-from crowdfence.exports.geographic_circle import great_circle_m
+from crowdfence.great_circle import great_circle_m
 
 FENCE = mavlink.MAV_MISSION_TYPE_FENCE
 PX4, ARDUPILOT = mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA

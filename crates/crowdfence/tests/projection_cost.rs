@@ -11,7 +11,7 @@ use crowdfence::{
 };
 use glam::{DMat3, DVec3};
 
-/// Of a build for tests, on open hills: half of what it is. Without the fast way it would be 1.
+/// Of a build for tests, on open hills: half of the least that it was on a busy machine. Without the fast way it would be 1.
 const LEAST_RATIO: f64 = 8.0;
 
 /// A painting is so short that whatever else the machine does can double the time of a few; a cast is as long as many.

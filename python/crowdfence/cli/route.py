@@ -259,16 +259,24 @@ def _over_unknown(report: dict[str, Any]) -> str:
 def _aged_m(run: Path, history: ZoneHistory, found: Route, at_departure: StateRaster | None) -> float | None:
     """How much of a way lies over ground that is not known to be empty by what is known now when it arrives;
     None for a way without times, and where nothing is known."""
-    from crowdfence.planner.seen_ground import metres_by_state
     from crowdfence.result_folder import open_states
 
     if found.stamps_ns is None or at_departure is None:
         return None
-    states = open_states(run, history, int(found.stamps_ns[-1]))
+    return _unknown_m(_over_m(found, open_states(run, history, int(found.stamps_ns[-1]))))
+
+
+def _over_m(found: Route, states: StateRaster | None) -> dict[str, float] | None:
+    """Metres of a way by the state of the ground below; None where nothing is known of it."""
+    from crowdfence.planner.seen_ground import metres_by_state
+
     if states is None:
         return None
-    metres = metres_by_state(found.waypoints, states)
-    return sum(length_m for state, length_m in metres.items() if state.name.lower() in _UNKNOWN)
+    return {state.name.lower(): m for state, m in metres_by_state(found.waypoints, states).items()}
+
+
+def _unknown_m(over_m: dict[str, float] | None) -> float | None:
+    return None if over_m is None else sum(over_m[name] for name in _UNKNOWN)
 
 
 def _told(
@@ -278,8 +286,6 @@ def _told(
     height_m: float,
     states: StateRaster | None,
 ) -> dict[str, Any]:
-    from crowdfence.planner.seen_ground import metres_by_state
-
     waypoints: list[dict[str, float | str]] = [
         {"east_m": round(x, 3), "north_m": round(y, 3)} for x, y in found.waypoints.tolist()
     ]
@@ -291,15 +297,12 @@ def _told(
     if found.stamps_ns is not None:
         for waypoint, stamp_ns in zip(waypoints, found.stamps_ns.tolist(), strict=True):
             waypoint |= {"at": iso_utc(stamp_ns)}
-    over_m = None
-    if states is not None:
-        metres = metres_by_state(found.waypoints, states)
-        over_m = {state.name.lower(): length_m for state, length_m in metres.items()}
+    over_m = _over_m(found, states)
     return {
         "length_m": found.length_m,
         "direct_m": found.direct_m,
         "beyond_map_m": None if ground is None else _beyond_m(found, ground),
-        "not_known_empty_m": None if over_m is None else sum(over_m[name] for name in _UNKNOWN),
+        "not_known_empty_m": _unknown_m(over_m),
         "over_m": over_m,
         "waypoints": waypoints,
     }

@@ -110,8 +110,9 @@ class LabelledMissions:
             if is_labelled_pictures(path):
                 pictures = open_labelled_pictures(path)
                 self.doubts |= {f"{name}: {warning}": None for warning in pictures.recording.warnings}
-                labels = pictures.crowd, pictures.ignored
-                yield LabelledMission(name, pictures.recording, None, *labels, True, pictures.gsd_m)
+                yield LabelledMission(
+                    name, pictures.recording, None, pictures.crowd, pictures.ignored, True, pictures.gsd_m
+                )
                 continue
             recording = _recorded(path)
             self.doubts |= {f"{name}: {warning}": None for warning in recording.warnings}
@@ -119,8 +120,8 @@ class LabelledMissions:
             with_map = with_maps or self.plan.target == "ground"
             terrain = self._terrain(name, recording) if with_map else None
             with _or_annotated(path):
-                of_frames = label_functions(self.plan.target, recording, terrain)
-            yield LabelledMission(name, recording, terrain, *of_frames)
+                labels = label_functions(self.plan.target, recording, terrain)
+            yield LabelledMission(name, recording, terrain, *labels)
 
     def _terrain(self, name: str, recording: Recording) -> Terrain | None:
         from crowdfence.pipeline import check_overlap, read_map

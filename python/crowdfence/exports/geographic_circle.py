@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.georeference import Georeference
+from crowdfence.great_circle import great_circle_m
 from crowdfence.zones.capacity import Circle
 
 SPHERE_M = 6_378_137.0
@@ -43,24 +44,10 @@ def geographic_circle(
                 f"a circle reaches latitude {latitude[np.argmax(np.abs(latitude))]:.4f}; zones are written "
                 f"up to {MAX_LATITUDE_DEG} degrees, because longitude loses its meaning at the poles"
             )
-        radius_m = max(radius_m, float(great_circle_m(middle, longitude, latitude).max()))
+        radius_m = max(radius_m, float(great_circle_m(middle, longitude, latitude, SPHERE_M).max()))
     # ArduPilot takes the width of a degree of longitude at one end of the way.
     flat_m = radius_m**2 * math.tan(math.radians(abs(middle[1]))) / SPHERE_M
     return *middle, math.ceil((radius_m * (1.0 + _MARGIN) + flat_m + _MARGIN_M) * 100) / 100
-
-
-def great_circle_m(
-    middle: tuple[float, float],
-    longitude: NDArray[np.float64],
-    latitude: NDArray[np.float64],
-    sphere_m: float = SPHERE_M,
-) -> NDArray[np.float64]:
-    """Distances [N] of places from one place (longitude, latitude), by the haversine formula."""
-    east, north = (np.deg2rad(values - middle[i]) / 2 for i, values in enumerate((longitude, latitude)))
-    share = np.sin(north) ** 2 + np.cos(np.deg2rad(latitude)) * math.cos(math.radians(middle[1])) * (
-        np.sin(east) ** 2
-    )
-    return np.asarray(2.0 * sphere_m * np.arcsin(np.sqrt(share)))
 
 
 def _degrees(

@@ -132,7 +132,7 @@ def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georefer
     track, left_out = track_from_rows(poses.stamps_ns, positions, quaternions)
     contact = None
     if not absolute:
-        contact = _contact(poses, options, above, anchor, first, remarks)
+        contact = _contact(poses, options, above, anchor, first, positions, remarks)
     return LocalTrack(anchor, track, contact, [*remarks, *left_out], above)
 
 
@@ -164,6 +164,7 @@ def _contact(
     above: HeightsAbove,
     anchor: Georeference,
     first: int,
+    positions: NDArray[np.float64],
     remarks: list[str],
 ) -> GroundContact:
     if above == "ground":
@@ -186,27 +187,15 @@ def _contact(
             remarks.append(
                 f"the stated take-off lies {apart_m:.0f} m from {what}: of several drones it is that of all"
             )
-    if (lower_m := _below_take_off_m(poses, above, anchor, (x, y))) > _STARTED_M:
+    beside = np.hypot(positions[:, 0] - x, positions[:, 1] - y) < _BESIDE_M
+    lower_m = -float(poses.heights_m[above][beside].min(initial=np.inf))
+    if lower_m > _STARTED_M:
         remarks.append(
             f"it flew {lower_m:.0f} m below its take-off right at it: heights count from no ground, as after "
             "a home that was set in the air, and what it saw is taken for that much nearer; use those above "
             "the sea (--heights sea), or --ground-start where it begins on the ground"
         )
     return GroundContact((x, y, z), said)
-
-
-def _below_take_off_m(
-    poses: GeographicPoses, above: HeightsAbove, anchor: Georeference, take_off: tuple[float, float]
-) -> float:
-    """How far below a take-off (local x, y) a camera was beside it, at most; negative: it was never so low,
-    or never there."""
-    height_m = np.asarray(poses.heights_m[above])
-    usable = np.isfinite(np.stack([poses.latitude_deg, poses.longitude_deg, height_m])).all(axis=0)
-    at = anchor.local_from_geodetic(
-        poses.latitude_deg[usable], poses.longitude_deg[usable], np.full(usable.sum(), anchor.height_m)
-    )
-    beside = np.hypot(at[:, 0] - take_off[0], at[:, 1] - take_off[1]) < _BESIDE_M
-    return -float(height_m[usable][beside].min(initial=np.inf))
 
 
 def _known_take_off(

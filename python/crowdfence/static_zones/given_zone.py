@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.georeference import Georeference
+from crowdfence.great_circle import great_circle_m
 from crowdfence.legible import legible
 from crowdfence.zones import MAX_ID_LENGTH, AltitudeBand, Zone
 from crowdfence.zones.altitude_band import LOWEST_GROUND_M
@@ -206,17 +207,9 @@ def _circle(given: GivenZone, georeference: Georeference) -> Polygon | str:
 
 
 def _away_deg(place: NDArray[np.float64], georeference: Georeference) -> float:
-    """Of the Earth's circumference from the anchor to a longitude and latitude, by the haversine formula."""
-    east, north, latitude, of_anchor = np.deg2rad(
-        [
-            place[0] - georeference.longitude_deg,
-            place[1] - georeference.latitude_deg,
-            place[1],
-            georeference.latitude_deg,
-        ]
-    )
-    share = np.sin(north / 2) ** 2 + np.cos(latitude) * np.cos(of_anchor) * np.sin(east / 2) ** 2
-    return float(np.rad2deg(2.0 * np.arcsin(min(1.0, np.sqrt(share)))))
+    """Of the Earth's circumference from the anchor to a longitude and latitude."""
+    anchor = georeference.longitude_deg, georeference.latitude_deg
+    return float(np.rad2deg(great_circle_m(anchor, place[:1], place[1:], sphere_m=1.0)[0]))
 
 
 def _check_places(name: str, corners: NDArray[np.float64]) -> None:

@@ -23,7 +23,7 @@ from crowdfence.service.service import Service
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.camera_info import is_rectified
 from crowdfence.sources.pose_noise import GivenNoise
-from crowdfence.sources.ros_bag.topic_choice import DroneTopics, places_above
+from crowdfence.sources.ros_bag.topic_choice import DroneTopics, places_of
 
 _SOURCE_LINE = re.compile(r" at \S+\.rs:\d+\.")  # of the library, where it was built
 
@@ -123,12 +123,9 @@ class RosLink:
 
 
 def static_topics(one: DroneTopics) -> tuple[str, ...]:
-    """Where fixed transforms of a drone may be told: to all at once, beside those that move, or above its
-    camera and its pose (/uav1/tf_static)."""
-    places = {"", (one.tf or "").rpartition("/")[0]}
-    for topic in (one.camera, one.heatmap, one.pose):
-        places |= places_above(topic or "")
-    return tuple(place + TF_STATIC for place in sorted(places))
+    """Where fixed transforms of a drone may be told: to all at once, or in a namespace of its own
+    (/uav1/tf_static)."""
+    return tuple(place + TF_STATIC for place in sorted({"", *places_of(one)}))
 
 
 class _Put:

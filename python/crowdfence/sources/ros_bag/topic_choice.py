@@ -118,16 +118,17 @@ def _place(topic: str) -> str:
 
 
 def _is_of(static: str, one: DroneTopics) -> bool:
-    """Whether a topic of fixed transforms lies beside those that move, or above camera or pose of a drone."""
-    above = {place for topic in (one.camera, one.heatmap, one.pose) for place in places_above(topic or "")}
-    return _place(static) in {_place(one.tf or ""), *above} - {""}
+    return _place(static) in places_of(one)
 
 
-def places_above(topic: str) -> set[str]:
-    """Namespaces that a topic lies in, from its own outwards, but for the outermost."""
-    places = set()
-    while topic := _place(topic):
-        places.add(topic)
+def places_of(one: DroneTopics) -> set[str]:
+    """Namespaces of a drone's own: those that its camera and its pose lie in, from their own outwards but for
+    the outermost, and that of its transforms."""
+    places = {_place(one.tf or "")} - {""}
+    for topic in (one.camera, one.heatmap, one.pose):
+        place = topic or ""
+        while place := _place(place):
+            places.add(place)
     return places
 
 
