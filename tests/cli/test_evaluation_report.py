@@ -11,9 +11,12 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+import crowdfence as cf
 from crowdfence.cli.demo import RECORDING
+from crowdfence.evaluation.replay import score
 from crowdfence.evaluation.report import plots
 from crowdfence.evaluation.report.page import MOST_REFUSALS, _doubts
+from crowdfence.sources.recording import Frame
 from support.command_line import crowdfence
 from support.small_recordings import flight, write_airsim
 
@@ -121,6 +124,59 @@ def test_the_plot_of_costs_says_what_it_does_not_show(
     plots.draw_cost(axes, ["or"], [SimpleNamespace(measures=measures)])
     assert axes.get_legend_handles_labels()[1] == [told]
     assert axes.get_ylim() == (0.0, 12.0)
+
+
+@pytest.fixture(scope="module")
+def without_crowds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two drones look once each at single walkers, whom the stand-in takes for crowd here and there."""
+    folder = tmp_path_factory.mktemp("nobody")
+    (folder / "nobody.toml").write_text(
+        'drones = 2\nframes = 1\n[landscape]\nkind = "field"\nsize_m = 200\n[walkers]\ncount = 60\n'
+        "[flight]\narea_m = 60\naltitude_m = [20, 40]\n[camera]\nwidth = 160\nheight = 112\n"
+    )
+    few = ["--no-rgb", "--voxel", "1", "--workers", "1"]
+    done = crowdfence("simulate", folder / "nobody.toml", "-o", folder / "nobody.mcap", *few)
+    assert done.returncode == 0, done.stderr
+    return folder / "nobody.mcap"
+
+
+def test_ground_that_is_closed_for_nobody_is_told(without_crowds: Path, tmp_path: Path) -> None:
+    """Of a mission without crowds nothing was: neither in the tables nor in the JSON."""
+    words = ("evaluate", without_crowds, "--truth", "world", "-m", "or", "-m", "paper")
+    done = crowdfence(*words, "--report", tmp_path / "report", "--json")
+    assert done.returncode == 0, done.stderr
+    by_or, by_paper = (row["safety"] for row in json.loads(done.stdout)["scores"])
+    closed = _closed_m2(without_crowds)
+    assert closed > 0.0 and by_or["closed_m2"][0] == closed
+    assert by_or["closed_m2"] == sorted(by_or["closed_m2"]) and by_or["closed_m2"][2] > closed
+    assert by_or["blocked_per_own"] == [None] * 4 and by_paper["closed_m2"] == [0.0] * 4
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert f"<td>{by_or['closed_m2'][2]:.0f} m2</td>" in page and "<td>0 m2</td>" in page
+    table = crowdfence(*words).stdout
+    assert "Nobody of a crowd stood on ground in view" in table
+    assert re.search(rf"or +{closed:.0f} m2 +\d+ m2 +{by_or['closed_m2'][2]:.0f} m2", table)
+
+
+def _closed_m2(path: Path) -> float:
+    """Columns of 1 m in which a voxel has a mean heatmap value above 0.5 in one look at least."""
+    flight = cf.open_recording(path)
+    terrain = cf.open_terrain(flight)
+    (instant,) = flight.instants()
+    looks = [cf.project(view, terrain, max_range_m=300.0) for view in instant.views(Frame.heatmap).views]
+    called = np.concatenate([look.voxel_ids[look.mean > 0.5] for look in looks])
+    return float(len(np.unique(terrain.voxel_indices(called)[:, :2], axis=0)))
+
+
+def test_no_label_of_a_plot_is_not_a_number(without_crowds: Path) -> None:
+    """ "mean nan" and "closes nan x" stood there of missions without crowds."""
+    flight = cf.open_recording(without_crowds)
+    terrain = cf.open_terrain(flight)
+    configs = [cf.RunConfig(cf.PaperConfig())]
+    rows = score(flight, terrain, configs, truth="world", with_measures=True).rows
+    for draw in plots.DRAWN.values():
+        axes = Figure().add_subplot()
+        draw(axes, ["paper"], rows)
+        assert not any("nan" in str(line.get_label()) for line in axes.lines)
 
 
 def test_only_a_report_is_replaced(tmp_path: Path) -> None:

@@ -104,6 +104,18 @@ def test_shares_count_people_and_ground() -> None:
     np.testing.assert_allclose(safety.share_in_zone, [1 / 4, 2 / 4, 3 / 4, 4 / 4])
 
 
+def test_what_is_closed_where_no_crowd_is_in_view_is_counted() -> None:
+    """A multiple of the crowds' own ground says nothing of it: there is none of that."""
+    nobody = CrowdsInView(cells(), np.zeros(0, bool), np.zeros(0, np.int64), cells())
+    safety = Safety()
+    safety.add_zone(nobody, cells((10, 10)), 1.0)
+    safety.add_zone(nobody, cells(), 1.0)
+    # One column at one of two moments, and the 13 whose middle lies within 2 m of its own.
+    np.testing.assert_allclose(safety.closed_m2[:2], [1 / 2, 13 / 2])
+    assert np.isnan(safety.blocked_per_own).all()
+    assert np.isnan(Safety().closed_m2).all()
+
+
 def test_no_people_leave_the_shares_unknown() -> None:
     assert np.isnan(Safety().share_in_zone).all()
     assert np.isnan(Safety().share_on_empty)

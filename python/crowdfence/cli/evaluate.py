@@ -36,8 +36,10 @@ from crowdfence.config import (
     RunConfig,
 )
 from crowdfence.evaluation.text_table import number, percent, threshold_number
+from crowdfence.zones.square_metres import square_metres
 
 if TYPE_CHECKING:
+    from rich.console import Group
     from rich.table import Table
 
     from crowdfence.evaluation.cells.rates import Confusion
@@ -267,7 +269,8 @@ def _refuse_unused(context: typer.Context, names: list[options.MethodName], pape
     if options.MethodName.or_ not in names:
         refuse_unused(context, ["or_b_threshold"], "without --method or")
     elif len(set(names)) == 1:
-        refuse_unused(context, ["b_threshold"], "with --method or; --or-b-threshold does")
+        for name in ("b_threshold", "threshold"):
+            refuse_unused(context, [name], "with --method or; --or-b-threshold does")
     configs = [_methods(context.params, name, paper, None)[0] for name in names]
     refuse_options_of_other_methods(context, configs)
     if not any(hasattr(config, "true_positive_rate") for config in configs):
@@ -359,6 +362,7 @@ def _safety_json(safety: Safety) -> dict[str, Any]:
         "in_zone": safety.share_in_zone,
         "in_zone_in_range": safety.share_in_zone_in_range,
         "blocked_per_own": safety.blocked_per_own,
+        "closed_m2": safety.closed_m2,
     }
     return {
         "buffers_m": list(BUFFERS_M),
@@ -449,7 +453,7 @@ def _value(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _safety_table(scores: list[Score]) -> Table | str:
+def _safety_table(scores: list[Score]) -> Table | Group | str:
     """Who stands in a zone; nothing where nobody knows where people are."""
     from rich.table import Table
 
@@ -459,7 +463,7 @@ def _safety_table(scores: list[Score]) -> Table | str:
     if asked is None:
         return ""
     if (people := asked.people) == 0:
-        return "\nNobody of a crowd stood on ground in view: how many would be missed is not known."
+        return _closed_for_nobody(scores, asked.moments)
     table = Table(
         title=f"\nPeople of crowds in view, {people:,} counts at {counted(asked.moments, 'moment')}: who "
         "stands in a zone and its buffer",
@@ -481,6 +485,30 @@ def _safety_table(scores: list[Score]) -> Table | str:
             f"{safety.blocked_per_own[_AT]:.2f} x",
         )
     return table
+
+
+def _closed_for_nobody(scores: list[Score], moments: int) -> Group | str:
+    """Where no crowd was in view: the ground that is closed all the same."""
+    from rich.console import Group
+    from rich.table import Table
+
+    from crowdfence.evaluation.safety import BUFFERS_M
+
+    nobody = "\nNobody of a crowd stood on ground in view: how many would be missed is not known."
+    if not moments:
+        return nobody
+    table = Table(box=None)
+    table.add_column("method", no_wrap=True)
+    for buffer_m in _SHOWN_M:
+        table.add_column(f"{buffer_m:g} m", justify="right", no_wrap=True)
+    for row in scores:
+        assert row.safety is not None
+        closed = [row.safety.closed_m2[BUFFERS_M.index(buffer_m)] for buffer_m in _SHOWN_M]
+        table.add_row(_label(row.config), *map(square_metres, closed))
+    return Group(
+        f"{nobody}\nGround closed for nobody, with its buffer, on the mean of {counted(moments, 'moment')}:",
+        table,
+    )
 
 
 def _layer_table(scores: list[Score]) -> Table:

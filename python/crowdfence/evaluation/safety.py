@@ -150,6 +150,12 @@ class Safety:
         """Ground closed, as a multiple of the crowds' own."""
         return self.blocked_m2 / np.where(self.own_m2 > 0.0, self.own_m2, np.nan)
 
+    @property
+    def closed_m2(self) -> NDArray[np.float64]:
+        """Ground closed at a moment, on the mean of all; NaN before there was one. Where no crowd was in view
+        this is what was closed for nothing, of which `blocked_per_own` says nothing."""
+        return self.blocked_m2 / (self.moments or np.nan)
+
 
 def distance_m(places: Cells, zone: Cells, size_m: float) -> NDArray[np.float64]:
     """From the middle of each column of `places` [N] to the nearest column of `zone`: 0 inside, inf without

@@ -12,7 +12,7 @@ import numpy as np
 
 from crowdfence.atomic_folder import whole_folder
 from crowdfence.evaluation.iou import instants_left_out
-from crowdfence.evaluation.report.plots import DRAWN, MOST_COST, OF_LAYERS, write_plots
+from crowdfence.evaluation.report.plots import DRAWN, MOST_COST, OF_LAYERS, closed_words, write_plots
 from crowdfence.evaluation.safety import BUFFERS_M
 from crowdfence.evaluation.text_table import percent, threshold_number
 
@@ -92,7 +92,8 @@ def _page(
             f"Of {_counted(scores, range_known)} of people of crowds on ground that some drone has had in "
             f"view. A zone is what is held closed, with the buffer around it. In range: "
             f"{_IN_RANGE[range_known]}. On empty: on ground that the map calls empty. "
-            "Closed: ground in zones, times the crowds' own, both with 5 m around."
+            "Closed: ground in zones, times the crowds' own, both with 5 m around; where no ground of crowds "
+            "was in view, the ground in zones and 5 m around them, on the mean of the moments."
         ),
         f'<div class="plots">{pictures}</div>',
         _table("Zones", _zones(names, scores)),
@@ -221,7 +222,7 @@ def _people(names: list[str], scores: list[Score]) -> Rows:
     for name, row in zip(names, scores, strict=True):
         assert row.safety is not None
         shares = [*row.safety.share_in_zone, row.safety.share_in_zone_in_range[at], row.safety.share_on_empty]
-        rows.append([name, *map(_percent, shares), _number(row.safety.blocked_per_own[at], "{:.2f} x")])
+        rows.append([name, *map(_percent, shares), escape(closed_words(row.safety, at))])
     return rows
 
 

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.safety import BUFFERS_M
+from crowdfence.evaluation.safety import BUFFERS_M, Safety
+from crowdfence.evaluation.text_table import number
+from crowdfence.zones.square_metres import square_metres
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +36,7 @@ def _looks() -> Iterator[dict[str, Any]]:
 
 def draw_iou(axes: Axes, names: Names, scores: list[Score]) -> None:
     for name, row, look in zip(names, scores, _looks(), strict=False):
-        axes.plot(row.iou.per_frame, **look, linewidth=1.4, label=f"{name}, mean {row.iou.mean:.2f}")
+        axes.plot(row.iou.per_frame, **look, linewidth=1.4, label=f"{name}, mean {number(row.iou.mean, 2)}")
     axes.set(xlabel="instant", ylabel="IoU", ylim=(0.0, None), title="IoU over time")
 
 
@@ -58,8 +60,8 @@ def draw_reliability(axes: Axes, names: Names, scores: list[Score]) -> None:
 def draw_people(axes: Axes, names: Names, scores: list[Score]) -> None:
     for name, row, look in zip(names, scores, _looks(), strict=False):
         assert row.safety is not None
-        share, closed = 100.0 * row.safety.share_in_zone, row.safety.blocked_per_own[BUFFERS_M.index(5.0)]
-        label = f"{name}, closes {closed:.2f} x at 5 m"
+        share, closed = 100.0 * row.safety.share_in_zone, closed_words(row.safety, BUFFERS_M.index(5.0))
+        label = f"{name}, closes {closed} at 5 m"
         axes.plot(BUFFERS_M, share, **look, linewidth=1.4, marker="o", markersize=5, label=label)
     axes.set(
         xlabel="metres around a zone",
@@ -68,6 +70,15 @@ def draw_people(axes: Axes, names: Names, scores: list[Score]) -> None:
         xticks=BUFFERS_M,
         ylim=(0, 103),
     )
+
+
+def closed_words(safety: Safety, at: int) -> str:
+    """Ground closed with one of the buffers, as a multiple of the crowds' own; in square metres at a moment
+    where none of that was in view, and "-" where nothing was counted."""
+    times, area_m2 = float(safety.blocked_per_own[at]), float(safety.closed_m2[at])
+    if np.isfinite(times):
+        return f"{times:.2f} x"
+    return square_metres(area_m2) if np.isfinite(area_m2) else "-"
 
 
 def draw_cost(axes: Axes, names: Names, scores: list[Score]) -> None:
