@@ -28,6 +28,21 @@ def test_what_no_scenario_can_have(tmp_path: Path, given: list[str], message: st
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["--season", "winter"], "--season does nothing with --no-rgb"),
+        (["--time-of-day", "0"], "--time-of-day does nothing with --no-rgb"),
+        (["--resume", "--force"], "--resume goes on with what is there and --force replaces it"),
+    ],
+)
+def test_what_would_do_nothing_is_refused(tmp_path: Path, given: list[str], message: str) -> None:
+    words = ["simulate", "empty", "-o", str(tmp_path / "a.mcap"), "--no-rgb", *given]
+    done = CliRunner().invoke(app, words)
+    assert isinstance(done.exception, ValueError) and str(done.exception).startswith(message)
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_a_file_says_is_said_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "parade.toml").write_text("drones = 0")
     words = ["simulate", str(tmp_path / "parade.toml"), "-o", str(tmp_path / "a.mcap"), "--frames", "3"]

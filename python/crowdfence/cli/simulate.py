@@ -118,6 +118,12 @@ def simulate(
         raise ValueError(
             f"{output}: the name of a mission file ends in .mcap; --format airsim writes a folder"
         )
+    if resume and force:
+        raise ValueError("--resume goes on with what is there and --force replaces it: give one of them")
+    if no_rgb:
+        for flag, value in (("--season", season), ("--time-of-day", time_of_day_h)):
+            if value is not None:
+                raise ValueError(f"{flag} does nothing with --no-rgb, which makes no pictures; leave it out")
     options_of_frames = FrameOptions(
         rgb=not no_rgb, heatmaps=not no_heatmaps, layers=tuple(dict.fromkeys(layer or ()))
     )
