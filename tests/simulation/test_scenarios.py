@@ -163,3 +163,24 @@ def test_every_possible_length_makes_a_scenario(frames: int, fps: float, drones:
     scenario = Scenario("x", "", load_scenario("empty").landscape, drones=drones, frames=frames, fps=fps)
     assert len(set(scenario.drone_names)) == drones
     assert scenario.duration_s == pytest.approx((frames - 1) / fps)
+
+
+@pytest.mark.parametrize(("kind", "number"), [("joins_s", 3), ("leaves_s", 7)])
+def test_trouble_of_a_drone_that_is_not_there_is_refused(tmp_path: Path, kind: str, number: int) -> None:
+    """Who counts drones from 1, as their names do, had a mission without the trouble."""
+    path = tmp_path / "late.toml"
+    path.write_text(f'drones = 3\n[landscape]\nkind = "field"\n[trouble]\n{kind} = [[{number}, 5.0]]\n')
+    with pytest.raises(ScenarioError, match=rf"late.toml: trouble.{kind} names drone {number} of 3"):
+        load_scenario(path)
+    # A smaller fleet than that of the file has only a part of its trouble, a larger one all of it.
+    assert load_scenario("festival", drones=2).drones == 2
+    assert load_scenario(path, drones=number + 1).drones == number + 1
+
+
+@pytest.mark.parametrize(
+    ("epoch_s", "frames"), [(0, 10), (2**31, 10), (2**31 - 3600, 100_000), (1_767_225_600, 10_000_000)]
+)
+def test_missions_lie_where_stamps_of_recordings_do(epoch_s: int, frames: int) -> None:
+    """They were begun, and ended in "pose of 'uav1': stamp -240000000 is outside"."""
+    with pytest.raises(ScenarioError, match="epoch_ns"):
+        load_scenario("empty", epoch_ns=epoch_s * 10**9, frames=frames, fps=0.02)

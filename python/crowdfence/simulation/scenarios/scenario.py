@@ -48,6 +48,12 @@ ALPINE_VALLEY = Georeference(46.5, 8.0, 1200.0)
 EPOCH_NS = 1_767_225_600_000_000_000
 """Start of a mission unless the scenario says otherwise: 2026-01-01 00:00 UTC."""
 
+_MARGIN_S = 120
+"""Telemetry begins before the mission and ends after it, and clocks may be wrong by tens of seconds."""
+EARLIEST_NS = _MARGIN_S * 10**9
+LATEST_NS = (2**31 - 1 - _MARGIN_S) * 10**9
+"""Stamps of recordings are seconds in 31 bits, from 1970 to 2038: a mission has to lie between."""
+
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
@@ -92,7 +98,12 @@ class Scenario:
         require_one_of("looks", self.looks, LOOKS)
         require_within("time_of_day_h", self.time_of_day_h, 0.0, 24.0)
         require_within("voxel_size_m", self.voxel_size_m, 0.1, 20.0)
-        require_within("epoch_ns", self.epoch_ns, 0, 4_000_000_000_000_000_000)
+        require_within("epoch_ns", self.epoch_ns, EARLIEST_NS, LATEST_NS)
+        if self.epoch_ns + self.duration_s * 1e9 > LATEST_NS:
+            raise ScenarioError(
+                f"epoch_ns {self.epoch_ns} and the {self.duration_s:g} s that frames at fps take end after "
+                f"{LATEST_NS}, in January 2038, where stamps of recordings end"
+            )
         if self.flight.pattern == "follow" and self.cyclists.count < 1:
             raise ScenarioError('flight.pattern "follow" needs cyclists.count of at least 1, got 0')
         if self.cyclists.count and not self.landscape.road:

@@ -33,12 +33,27 @@ def load_scenario(name_or_path: str | Path, **overrides: Any) -> Scenario:
     tables = read_toml(path)
     given: Mapping[str, Any] = {key: value for key, value in overrides.items() if value is not None}
     try:
-        return scenario_from_tables(merged(tables, given), default_name=path.stem, source=None)
+        scenario = scenario_from_tables(merged(tables, given), default_name=path.stem, source=None)
     except ScenarioError:
         scenario_from_tables(
             tables, default_name=path.stem, source=str(path)
         )  # where the file is wrong itself
         raise
+    if "drones" not in given:  # of a smaller fleet some of what the file says is of nobody
+        _require_drones(scenario, path)
+    return scenario
+
+
+def _require_drones(scenario: Scenario, path: Path) -> None:
+    """ScenarioError where the trouble is that of a drone that the file does not have."""
+    trouble = scenario.trouble
+    for kind, pairs in (("joins_s", trouble.joins_s), ("leaves_s", trouble.leaves_s)):
+        for drone, _ in pairs:
+            if drone >= scenario.drones:
+                raise ScenarioError(
+                    f"{path}: trouble.{kind} names drone {drone} of {scenario.drones}; drones count from 0: "
+                    f"the last one, uav{scenario.drones}, is {scenario.drones - 1}"
+                )
 
 
 def read_toml(path: Path) -> dict[str, Any]:
