@@ -215,6 +215,16 @@ def test_a_frame_whose_truth_cannot_be_told_is_left_out_and_told(
     assert " frames (uav" in told and ", the first: frame of uav" in told and why in told
 
 
+@pytest.mark.parametrize("truth", ["world", "projected"])
+def test_where_no_frame_can_be_used_there_is_nothing_to_judge(truth: TruthKind) -> None:
+    """It was told that nobody of a crowd stood on ground in view, as of a mission without crowds."""
+    recording = open_recording(DEMO)
+    frames = [replace(one, pixels=replace(one.pixels, heatmap=None)) for one in recording.frames]
+    blind = replace(recording, frames=tuple(frames))
+    with pytest.raises(ValueError, match="race.*has no heatmap"):
+        score(blind, open_terrain(blind), [RunConfig(EvidenceConfig())], truth=truth)
+
+
 @pytest.mark.parametrize(("what", "truth"), [("time", "world"), ("people", "world"), ("labels", "projected")])
 def test_where_no_frame_tells_its_truth_there_is_nothing_to_judge(what: str, truth: TruthKind) -> None:
     recording = _damaged(what, 1)

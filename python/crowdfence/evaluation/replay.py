@@ -27,9 +27,11 @@ from crowdfence.pipeline.detect import RECORDED, HeatmapSource
 from crowdfence.pipeline.flight_doubts import FlightDoubts
 from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.pipeline.terrain import check_overlap
+from crowdfence.pipeline.under_ground import under_ground_line
 from crowdfence.pipeline.unheeded_crowd import UnheededInFlight
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.layers import CROWD
+from crowdfence.sources.no_frame import no_frame_line
 from crowdfence.sources.recording import Instant, InstantViews, Recording, RefusedFrame
 from crowdfence.truth.at_exposure import (
     MAX_PEOPLE_GAP_S,
@@ -177,7 +179,7 @@ def score(
     `truth` is "projected", the paper's (`ProjectedLabels`), or "world" (`CrowdsOfTheWorld`). The
     configurations must agree on how views are projected and grouped; what they leave open is filled in from
     the detector's contract; of their zones, thresholds and looks count. ValueError when they do not, for a
-    least area of zones, or when the recording does not hold that truth.
+    least area of zones, when the recording does not hold that truth, or when no frame of it can be used.
     `with_measures`: all that a report shows, which takes about as long again. Of `swept`, further
     configurations, the IoU alone is counted. `untold` is told of frames whose truth cannot be told, which are
     left out; ValueError where that is so of all.
@@ -215,6 +217,7 @@ def score(
     watch = CrowdWatch(recording, terrain, tested) if of_crowds and knows_people else None
     highest = np.zeros(terrain.voxel_count, np.float32)
     watched_ns = -np.inf
+    looked = 0
     of_flight = FlightDoubts()
     compared_ns: list[int] = []
     refused = list(recording.refused)
@@ -224,6 +227,7 @@ def score(
         for instant, found in heatmaps.detected(ahead.begun(instants), drones):
             # Views are projected once; the other maps take the observations.
             update = judged[0].loop.integrate(found.views, instant.stamp_ns)
+            looked += len(update.observations)
             for one in [*judged[1:], *beside]:
                 one.loop.integrate_observed(update.observations, instant.stamp_ns)
             for seen in update.observations:
@@ -261,6 +265,15 @@ def score(
             refused += found.refused
             if on_instant is not None:
                 on_instant(instant, found)
+    first_map = judged[0].loop.crowd_map
+    if not looked:
+        raise ValueError(no_frame_line(recording, refused))
+    if first_map.seen_count == 0:
+        why = under_ground_line(terrain, recording.frames) or of_flight.blind.upward_line()
+        raise ValueError(
+            f"no view saw the terrain within max_range_m = {first.projection.max_range_m:g} m: "
+            f"{why or 'do map and poses share one frame?'}"
+        )
     labelled = sum(has_crowd_mask(frame) for frame in recording.frames)
     told_of_none = (
         untold.labels == labelled if truth == "projected" else not compared_ns and bool(untold.first)
