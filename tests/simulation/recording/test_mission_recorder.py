@@ -43,6 +43,7 @@ from crowdfence.sources.mission.layout import CLASSES, CROWD_CLASS
 from crowdfence.sources.mission.messages import depth_in_whole_cm
 from crowdfence.sources.mission.topic_writer import part_path
 from crowdfence.stop_request import StopRequest
+from crowdfence.truth.at_exposure import MAX_PEOPLE_GAP_S
 
 LABELS = FrameOptions(rgb=False)
 SEED, FRAMES, DRONES = 3, 6, 3
@@ -324,6 +325,22 @@ def test_a_mission_goes_before_its_map_does(mission, tmp_path):
     assert resumed.complete and open_recording(path).manifest["simulation"]["seed"] == 4
 
 
+@pytest.mark.parametrize(("fps", "spread_ms"), [(0.5, 1000.0), (1.0, 1000.0), (3.0, 700.0), (10.0, 80.0)])
+def test_it_is_recorded_where_people_were_at_every_exposure(fps, spread_ms):
+    """Of slow cameras that expose long after each other nobody's position was recorded then."""
+    trouble = TroublePlan(trigger_spread_ms=spread_ms)
+    scene = beach()
+    scenario = replace(scene.scenario, frames=6, fps=fps, trouble=trouble)
+    for seed in range(5):
+        schedule = build_schedule(replace(scene, scenario=scenario, seed=seed))
+        events = list(timeline(schedule))
+        world_s = np.array([event.t_s for event in events if isinstance(event, WorldInstant)])
+        assert (np.diff(world_s) > 0.0).all() and set(np.arange(6) / fps) <= set(world_s)
+        for event in events:
+            if isinstance(event, Capture):
+                assert np.abs(world_s - event.t_s).min() <= MAX_PEOPLE_GAP_S
+
+
 def test_an_interrupt_ends_the_file_properly(mission, tmp_path, monkeypatch):
     path = tmp_path / "beach.mcap"
 
@@ -336,7 +353,8 @@ def test_an_interrupt_ends_the_file_properly(mission, tmp_path, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is before
     assert not stopped.complete and stopped.frames == 4
     recording = open_recording(path)
-    assert not [warning for warning in recording.warnings if "damaged" in warning]
+    (warning,) = recording.warnings
+    assert warning.startswith(f"the simulation was interrupted: 4 of {stopped.planned_frames} frames are in")
     assert recording.manifest["statistics"]["complete"] is False
     resumed = record_mission(beach(), path, options=LABELS, workers=1, resume=True)
     assert (resumed.resumed_frames, resumed.complete) == (4, True)
