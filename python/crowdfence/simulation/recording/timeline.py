@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from heapq import heappop, heappush, merge
@@ -10,6 +11,7 @@ import numpy as np
 
 from crowdfence.simulation.flight.telemetry import PoseRows
 from crowdfence.simulation.schedule import TELEMETRY_MARGIN_S, Capture, Schedule
+from crowdfence.truth.at_exposure import MAX_PEOPLE_GAP_S
 
 _TELEMETRY_BLOCK_S = 2.0
 
@@ -37,7 +39,8 @@ Event = TelemetryRow | WorldInstant | Capture
 
 
 def timeline(schedule: Schedule) -> Iterator[Event]:
-    """Telemetry as logged, captures as they arrive (without dropped ones) and the world at the frame rate.
+    """Telemetry as logged, captures as they arrive (without dropped ones) and the world at the frame
+    rate, or more often where exposures would lie too far from it to be told where people were.
 
     Ordered by log time; equal times by kind and drone. Made as it is asked for, a few seconds at a time.
     """
@@ -62,8 +65,13 @@ def arriving(schedule: Schedule, drone: int) -> Iterator[Capture]:
 
 def _world(schedule: Schedule) -> Iterator[tuple[int, int, int, Event]]:
     scenario = schedule.scenario
-    for frame in range(scenario.frames):
-        t_s = frame / scenario.fps
+    latest_s = max(clock.trigger_s for clock in schedule.clocks)
+    rate_hz, last = scenario.fps, scenario.frames - 1
+    if latest_s > MAX_PEOPLE_GAP_S:  # cameras that expose so late would find nobody recorded
+        rate_hz *= math.ceil(1.0 / (MAX_PEOPLE_GAP_S * scenario.fps))
+        last = math.ceil((scenario.duration_s + latest_s) * rate_hz)
+    for number in range(last + 1):
+        t_s = number / rate_hz
         stamp_ns = scenario.epoch_ns + round(t_s * 1e9)
         yield stamp_ns, 0, 0, WorldInstant(t_s, stamp_ns)
 
