@@ -421,7 +421,7 @@ def test_why_no_heatmap_could_be_used_is_told(tmp_path: Path) -> None:
     picture.write_bytes(b"cut off")
     done = crowdfence("evaluate", folder, "-t", folder / "plain.bt", *RECORDED, "--method", "or")
     assert done.returncode == 1
-    assert "no frame has both a label and a usable heatmap; uav1 at " in done.stderr
+    assert "no frame of flight can be used; the first of 1 refusals: uav1 at " in done.stderr
     assert "heatmap cannot be read" in done.stderr
 
 

@@ -98,6 +98,10 @@ def test_an_instant_of_a_file_that_has_one_only(tmp_path: Path) -> None:
             ["-m", "or", "--b-threshold", ".5"],
             "--b-threshold does nothing with --method or; --or-b-threshold",
         ),
+        (
+            ["-m", "or", "--threshold", ".3"],
+            "--threshold does nothing with --method or; --or-b-threshold does",
+        ),
         (["-m", "paper", "--or-b-threshold", ".5"], "--or-b-threshold does nothing without --method or"),
         (["-m", "evidence", "--measured-rates"], "--measured-rates does nothing with --method evidence"),
         (["-m", "log-pool", "--measured-rates"], "--measured-rates does nothing with --method log-pool"),
