@@ -173,7 +173,10 @@ def test_what_is_there_is_taken_over(scene, recorded, tmp_path):
 
     with pytest.raises(SystemExit):
         record_airsim(scene, folder, options=LABELS, workers=1, progress=killed)
-    assert len(open_recording(folder).frames) + len(open_recording(folder).refused) == 5
+    part = open_recording(folder)
+    assert len(part.frames) + len(part.refused) == 5
+    assert "the simulation was interrupted, and nothing of what came after" in part.warnings
+    assert not any("interrupted" in one for one in open_recording(recorded.path).warnings)
     with pytest.raises(FileExistsError, match="--resume"):
         record_airsim(scene, folder, options=LABELS, workers=1)
     resumed = record_airsim(scene, folder, options=LABELS, workers=1, resume=True)

@@ -354,7 +354,7 @@ def test_an_interrupt_ends_the_file_properly(mission, tmp_path, monkeypatch):
     assert not stopped.complete and stopped.frames == 4
     recording = open_recording(path)
     (warning,) = recording.warnings
-    assert warning.startswith(f"the simulation was interrupted: 4 of {stopped.planned_frames} frames are in")
+    assert warning.startswith(f"the simulation was interrupted: 4 of {stopped.planned_frames} frames are")
     assert recording.manifest["statistics"]["complete"] is False
     resumed = record_mission(beach(), path, options=LABELS, workers=1, resume=True)
     assert (resumed.resumed_frames, resumed.complete) == (4, True)

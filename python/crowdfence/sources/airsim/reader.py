@@ -48,6 +48,7 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
         )
     people, doubts = read_people(folder)
     cameras = read_cameras(folder)
+    simulation, unfinished = read_simulation(folder)
     truth_of = partial(cameras.of, has_world=bool(len(people.stamps_ns)))
     reader = VehicleReader(folder, settings, options, len(by_vehicle), truth_of)
     found = {vehicle: reader.read(vehicle, rows) for vehicle, rows in sorted(by_vehicle.items())}
@@ -64,14 +65,14 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
         georeference=settings.georeference(),
         terrain=find_terrain(folder),
         refused=(*(RefusedFrame(vehicle, None, reason) for vehicle, reason in faulty), *refused),
-        warnings=(*reader.warnings, *reader.labels_without_frame(), *doubts, *cameras.warnings),
+        warnings=(*reader.warnings, *reader.labels_without_frame(), *doubts, *cameras.warnings, *unfinished),
         manifest={
             "kind": "airsim",
             "path": str(folder),
             "settings": str(settings.path) if settings.path else None,
             "cameras": {vehicle: item.camera for vehicle, item in found.items()},
             "clock": {vehicle: item.clock for vehicle, item in found.items()},
-            **read_simulation(folder),
+            **simulation,
         },
         pose_tracks={vehicle: item.track for vehicle, item in found.items()},
         people=people,

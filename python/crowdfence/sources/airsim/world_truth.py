@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
+from crowdfence.sources.interrupted_simulation import interrupted_line
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
 
 _WORLD = ("stamp_ns", "person", "x", "y", "z", "crowd")
@@ -81,14 +82,21 @@ def read_cameras(folder: Path) -> TrueCameras:
     return TrueCameras(truth, (said,) if said else ())
 
 
-def read_simulation(folder: Path) -> dict[str, Any]:
-    """What the simulator says of itself in simulation.json, with the definition of a crowd; else nothing."""
+def read_simulation(folder: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """What the simulator says of itself in simulation.json, with the definition of a crowd; else nothing. One
+    sentence beside it where the mission did not come to its end."""
     path = folder / "simulation.json"
     try:
-        simulation = json.loads(path.read_text(encoding="utf-8"))["simulation"]
+        told = json.loads(path.read_text(encoding="utf-8"))
+        simulation = told["simulation"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return {}
-    return {"simulation": simulation} if isinstance(simulation, dict) else {}
+        return {}, ()
+    if not isinstance(simulation, dict):
+        return {}, ()
+    # The simulator writes them at the end: a run that was killed left none.
+    killed = "made_with" in simulation and "statistics" not in told
+    interrupted = interrupted_line({"complete": False} if killed else told.get("statistics"))
+    return {"simulation": simulation}, () if interrupted is None else (interrupted,)
 
 
 def _read_table(path: Path) -> tuple[PeopleLog, tuple[str, ...]]:

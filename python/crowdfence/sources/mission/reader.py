@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Camera
 from crowdfence.georeference import Georeference
+from crowdfence.sources.interrupted_simulation import interrupted_line
 from crowdfence.sources.layers import LayerGround, LayerPixels
 from crowdfence.sources.mission import ros2_messages
 from crowdfence.sources.mission.attached_map import attached_map
@@ -267,7 +268,8 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         warnings.append(
             "the file has no crowdfence metadata: georeference unknown, drones named after their topics"
         )
-    warnings.extend(_interrupted(content.told.get("statistics")))
+    if (interrupted := interrupted_line(content.told.get("statistics"))) is not None:
+        warnings.append(interrupted)
     grounds = _layer_grounds(content, warnings)
     names = {prefix: content.names.get(prefix, prefix[1:]) for prefix in content.drones}
     tracks: dict[str, PoseTrack] = {}
@@ -293,16 +295,6 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         people=_people_log(mcap, content.people),
         layer_grounds=grounds,
     )
-
-
-def _interrupted(statistics: Any) -> list[str]:
-    """One sentence on a simulation that did not come to its end: its file is whole, the mission is not."""
-    if not isinstance(statistics, dict) or statistics.get("complete") is not False:
-        return []
-    there, planned = statistics.get("frames"), statistics.get("planned_frames")
-    known = type(there) is int and type(planned) is int
-    told = f": {there} of {planned} frames are in the file" if known else ""
-    return [f"the simulation was interrupted{told}, and nothing of what came after"]
 
 
 def _unplaced_frames(mcap: McapFile, found: _DroneContent) -> list[UnplacedFrame]:
