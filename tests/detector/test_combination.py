@@ -113,6 +113,19 @@ def test_silence_beside_a_stranger_says_nothing(tmp_path: Path) -> None:
         assert both(np.zeros_like(GREY)).max() < 1e-6
 
 
+def test_a_crowd_in_one_coarse_cell_does_not_fade_on_finer_ones(tmp_path: Path) -> None:
+    """Cells of 16 pixels beside cells of 4: 0.9 in one of them and 0 around it is 0.9 in its 4 x 4 cells, and
+    0 elsewhere. Interpolated, its corners would keep (5 / 8)^2 of it, 0.35."""
+    coarse = np.zeros((4, 4), np.float32)
+    coarse[1, 2] = 0.9
+    sees = Detector.from_callable(lambda image: coarse, stride=16, name="sees")
+    expected = np.zeros((16, 16))
+    expected[4:8, 8:12] = 0.9
+    for pair in ([sees, model(tmp_path, "fine")], [model(tmp_path, "fine"), sees]):
+        found = Detector.combined(pair)(np.zeros_like(GREY))
+        np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
 def test_strangers_say_that_they_were_not_calibrated_together(tmp_path: Path) -> None:
     a, b = model(tmp_path, "a"), model(tmp_path, "b")
     (warning,) = combination_warnings(Detector.combined([a, b]).contract)
