@@ -261,6 +261,24 @@ def test_probabilities_are_no_class_logits(tmp_path: Path, dtype: type) -> None:
     assert Detector(path)(np.zeros((8, 8, 3), np.uint8)) == pytest.approx(answer[0, 12], abs=1e-6)
 
 
+@pytest.mark.parametrize("classes", [2, 5])
+def test_a_sigmoid_for_each_class_gives_no_class_logits(tmp_path: Path, classes: int) -> None:
+    """Nobody but in one cell, where it is sure. Of 5 classes a softmax would make e / (e + 4) = 0.40 of that,
+    and of 2 that and of the empty cells 0.5."""
+    answer = np.full((1, classes, 2, 2), 0.02)
+    answer[0, 1, 0, 0] = 0.99
+    given = document("class_logits", output__class_index=1)
+    path = write_fixed_output_model(tmp_path / "m.onnx", answer, given)
+    with pytest.raises(DetectorError, match=r"all values lie in \[0, 1\], .* 'probability'\?"):
+        Detector(path)(np.zeros((8, 8, 3), np.uint8))
+
+
+def test_logits_of_a_network_that_says_nothing_are_no_probabilities(tmp_path: Path) -> None:
+    """All the same: that is told of a flight as a whole."""
+    path = write_fixed_output_model(tmp_path / "m.onnx", np.zeros((1, 2, 2, 2)), document("class_logits"))
+    assert Detector(path)(np.zeros((8, 8, 3), np.uint8)).tolist() == [[0.5, 0.5]] * 2
+
+
 def test_a_rounding_beyond_one_is_cut(tmp_path: Path) -> None:
     answer = np.array([[[[0.5, 1.0 + 5e-5], [-5e-5, 0.0]]]])
     path = write_fixed_output_model(tmp_path / "m.onnx", answer, document())

@@ -13,6 +13,8 @@ ROUNDING = 1e-4
 """A probability may miss [0, 1] by this much, as float16 and interpolation do; it is then cut to it."""
 _ADDED_UP = 1e-3
 """By which probabilities of some hundred classes in float16 may miss 1."""
+_UNSURE = 0.1
+"""Logits this near to each other are those of a network that says nothing."""
 
 Map = NDArray[np.float32]
 
@@ -61,13 +63,17 @@ def sigmoid(z: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _refuse_probabilities(logits: NDArray[np.floating], contract: Contract) -> None:
-    """A softmax of what a softmax gave hardly leaves the middle: of 20 classes the surest crowd is 1/8."""
+    """A softmax of probabilities hardly leaves the middle: of 20 classes the surest crowd is 1/8. Those
+    of a softmax add up to 1, those of a sigmoid for each class do not. No network is unsure of all classes
+    all over a picture; one that gives one value everywhere sees nothing, which `SameAnswer` tells."""
     if logits.min() < 0.0 or logits.max() > 1.0 + ROUNDING:
         return
-    if np.abs(logits.sum(axis=-1) - 1.0).max() <= _ADDED_UP:
+    add_up = np.abs(logits.sum(axis=-1) - 1.0).max() <= _ADDED_UP
+    if add_up or np.ptp(logits) > _UNSURE:
+        which = "those of a cell add up to 1" if add_up else "no logits do all over a picture"
         raise DetectorError(
-            f"output {contract.output.name}: all values lie in [0, 1], and those of a cell add up to 1: they "
-            "are probabilities, no logits; is output.kind 'probability'?"
+            f"output {contract.output.name}: all values lie in [0, 1], and {which}: they are probabilities, "
+            "no logits; is output.kind 'probability'?"
         )
 
 
