@@ -196,6 +196,31 @@ def test_boxes_in_other_units_than_the_contract_says_are_refused(
         detector(BLACK, GSD_M)
 
 
+@pytest.mark.parametrize(("coordinates", "unit"), [("pixels", 1.0), ("fraction", 1 / 96)])
+def test_corners_are_no_middles_and_sizes(tmp_path: Path, coordinates: str, unit: float) -> None:
+    """Three people 6 x 16 pixels large at the right edge and one on the left, by their corners. Read as
+    middle and size they would stand half of the picture farther down, below its edge."""
+    rows = [[80, 30, 86, 46], [83, 30, 89, 46], [86, 30, 92, 46], [10, 8, 16, 24]]
+    given = {"output__box_format": "cxcywh", "output__coordinates": coordinates}
+    wrong = people(tmp_path / "a.onnx", [[*np.array(row) * unit, 1.0] for row in rows], "boxes", **given)
+    square = np.zeros((96, 96, 3), np.uint8)
+    with pytest.raises(DetectorError, match=r"all of 4 boxes are as wide .*is output.box_format 'xyxy'\?"):
+        wrong(square, GSD_M)
+    given["output__box_format"] = "xyxy"
+    right = people(tmp_path / "b.onnx", [[*np.array(row) * unit, 1.0] for row in rows], "boxes", **given)
+    assert right(square, GSD_M)[11, 21] > 0.5  # 46 / 4 pixels down, 86 / 4 across
+
+
+@pytest.mark.parametrize("box", [(48, 48, 70, 80), (6, 8, 10, 16)])
+def test_one_person_who_fills_the_picture_or_stands_in_its_corner_is_found(
+    tmp_path: Path, box: tuple[int, ...]
+) -> None:
+    """Several boxes of it, none of which was removed."""
+    rows = [[box[0] + shift, box[1], *box[2:], 0.9] for shift in (-1, 0, 1)]
+    detector = people(tmp_path / "m.onnx", rows, "boxes", output__box_format="cxcywh")
+    assert detector(np.zeros((96, 96, 3), np.uint8), GSD_M).max() > 0.5
+
+
 def test_one_wrong_box_among_others_takes_nobody_away(tmp_path: Path) -> None:
     rows = [[40, 10, 60, 34, 1.0]] * 3 + [[60, 40, 12, 24, 1.0], [9e9, 9e9, 9.1e9, 9.1e9, 1.0]]
     assert people(tmp_path / "m.onnx", rows, "boxes")(BLACK, GSD_M)[8, 12] > 0.5

@@ -14,6 +14,8 @@ from crowdfence.errors import DetectorError
 
 MAX_DETECTIONS = 10_000
 """Of one run of the model, above `score_min`. More is a wrong contract, not a crowd."""
+_SPREAD = 0.25
+"""Of a side of the input."""
 
 Rows = NDArray[np.float64]
 
@@ -80,7 +82,7 @@ def people_in(raw: NDArray[np.generic], contract: Contract, model_shape: tuple[i
     if output.kind == "points":
         people = People.at(rows[:, 0], rows[:, 1], scores)
     else:
-        boxes = _corners(rows[:, :4], contract)
+        boxes = _corners(rows[:, :4], contract, model_shape)
         if output.iou_max is not None:
             kept = strongest_boxes(boxes, scores, output.iou_max)
             boxes, scores = boxes[kept], scores[kept]
@@ -207,7 +209,7 @@ def _scores(rows: Rows, contract: Contract) -> Rows:
     return np.asarray(scores)
 
 
-def _corners(boxes: Rows, contract: Contract) -> Rows:
+def _corners(boxes: Rows, contract: Contract, model_shape: tuple[int, int]) -> Rows:
     """x1, y1, x2, y2 [N, 4]."""
     if contract.output.box_format == "xyxy":
         turned = (boxes[:, 2:] < boxes[:, :2]).any(axis=1)
@@ -218,4 +220,17 @@ def _corners(boxes: Rows, contract: Contract) -> Rows:
             )
         return boxes
     middle, size = boxes[:, :2], boxes[:, 2:]
+    if len(boxes) and (size >= middle).all() and _are_spread(middle, contract, model_shape):
+        raise DetectorError(
+            f"output {contract.output.name}: all of {len(boxes)} boxes are as wide and as high as they are "
+            "away from the upper left corner; is output.box_format 'xyxy'?"
+        )
     return np.concatenate([middle - size / 2.0, middle + size / 2.0], axis=1)
+
+
+def _are_spread(middle: Rows, contract: Contract, model_shape: tuple[int, int]) -> bool:
+    """Over more than a share of the input. Boxes of one person near the corner, or of one who fills the
+    picture, may be as large as they are away from the corner; those of several at different places are not.
+    """
+    height, width = (1, 1) if contract.output.coordinates == "fraction" else model_shape
+    return bool((np.ptp(middle, axis=0) > _SPREAD * np.array([width, height])).any())
