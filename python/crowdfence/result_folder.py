@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crowdfence._core import CrowdMap
+from crowdfence.errors import quoted
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.state_raster import StateRaster, read_states
 from crowdfence.surface_grid import SurfaceGrid
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
 HISTORY = "zone_history.jsonl"
+SUMMARY = "summary.json"
 CROWD_MAP = "crowd_map.tif"
 READ_AGAIN = (HISTORY, CROWD_MAP, "terrain.bt", "crowd_map.crowdmap")
 """What is made from a run afterwards is made from these."""
@@ -61,8 +64,19 @@ def open_history(run: str | PathLike[str]) -> ZoneHistory:
     if path.is_dir():
         path = path / HISTORY
         if not path.exists():
-            raise FileNotFoundError(f"{run} holds no {HISTORY}; is it a folder that crowdfence run wrote?")
+            raise FileNotFoundError(f"{run} holds no {HISTORY}; {_why_no_history(path.parent)}")
     return ZoneHistory.read(path)
+
+
+def _why_no_history(run: Path) -> str:
+    try:
+        layer = json.loads((run / SUMMARY).read_bytes())["layer"]
+    except (OSError, ValueError, RecursionError, KeyError, TypeError):
+        return "is it a folder that crowdfence run wrote?"
+    return (
+        f"it is of a run with --layer {quoted(layer)}, of which no zones are made: what that found is in the "
+        "files beside, and zones are those of a run without --layer"
+    )
 
 
 def known_ground_of(run: str | PathLike[str], history: ZoneHistory) -> Polygon | MultiPolygon | None:

@@ -69,6 +69,20 @@ def test_sites_are_written_and_nothing_that_closes_ground(sites: Path) -> None:
         assert np.isnan(raster.read(1)).any()
 
 
+@pytest.mark.parametrize("command", [("export", "-f", "geojson", "-o", "a"), ("explain", "--zone", "Z1")])
+def test_what_is_made_of_zones_says_that_a_layer_has_none(
+    sites: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    """It was told to be no folder of a run."""
+    name, *rest = (str(tmp_path / word) if word == "a" else word for word in command)
+    done = crowdfence(name, sites, *rest)
+    assert done.returncode == 1 and "with --layer 'landing-site', of which no zones are made" in done.stderr
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "summary.json").write_text("[]")
+    done = crowdfence(name, tmp_path / "other", *rest)
+    assert done.returncode == 1 and "is it a folder that crowdfence run wrote?" in done.stderr
+
+
 def test_a_method_that_keeps_what_it_once_found_is_refused_for_sites(mission: Path, tmp_path: Path) -> None:
     done = crowdfence("run", mission, "-o", tmp_path / "out", "--layer", "landing-site", "--method", "or")
     assert done.returncode != 0 and "never takes back" in done.stderr.replace("\n", " ")
