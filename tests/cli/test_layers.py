@@ -14,9 +14,12 @@ from typer.testing import CliRunner
 import crowdfence as cf
 from crowdfence.cli import source_options
 from crowdfence.cli.app import app
+from crowdfence.detector.shipped import shipped_model
 from crowdfence.sources import Recording
 from crowdfence.sources.recorded_truth import PeopleLog
 from support.command_line import crowdfence
+from support.onnx_models import contract as document
+from support.onnx_models import write_map_model
 
 SMALL = ("--no-rgb", "--frames", 3, "--size", "160x128", "--drones", 2, "--voxel", 2, "--workers", 1)
 
@@ -168,6 +171,18 @@ def test_what_a_layer_is_refused(mission: Path, tmp_path: Path) -> None:
         "run", mission, "-o", tmp_path / "out", "--layer", "landing-site", "--detector", "crowdnet-s"
     )
     assert shipped.returncode != 0 and "finds crowds, not the layer" in shipped.stderr.replace("\n", " ")
+    # The same model by its file, beside another one, and any that counts people.
+    own = write_map_model(tmp_path / "own.onnx", document(name="own"))
+    people = write_map_model(tmp_path / "people.onnx", document("density", name="counter"))
+    for models, found in (
+        ([shipped_model()], "the detector crowdnet-s finds crowds"),
+        ([own, "crowdnet-s"], "the detector crowdnet-s finds crowds"),
+        ([people], "the detector counter finds people"),
+    ):
+        words = [word for model in models for word in ("--detector", model)]
+        done = crowdfence("run", mission, "-o", tmp_path / "out", "--layer", "landing-site", *words)
+        assert done.returncode == 1 and f"{found}, not the layer 'landing-site'" in done.stderr
+        assert not (tmp_path / "out").exists()
     wrong = crowdfence("simulate", "empty", "-o", tmp_path / "m.mcap", "--layer", "smoke")
     assert wrong.returncode != 0 and "no layer 'smoke' can be simulated" in wrong.stderr.replace("\n", " ")
 

@@ -9,10 +9,12 @@ from crowdfence._core import Terrain
 from crowdfence.config import EvidenceConfig, RunConfig
 from crowdfence.config.comparison import LogPoolConfig, MovingAverageConfig
 from crowdfence.pipeline.detect import HeatmapSource
-from crowdfence.sources.layers import CROWD
+from crowdfence.sources.layers import CROWD, LANDING_SITE
 from crowdfence.sources.recording import Recording
+from crowdfence.truth.frame_labels import TARGET_HEIGHT_M
 
 if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.validity import RangeCheck
 
 
@@ -29,9 +31,12 @@ def review_detector(
     heatmaps: HeatmapSource, recording: Recording, terrain: Terrain, *configs: RunConfig
 ) -> DetectorReview | None:
     """The contract of the model against the flight and the configurations, before what they leave open is
-    filled in; they project views alike. None where no model makes the heatmaps."""
+    filled in; they project views alike. None where no model makes the heatmaps. ValueError for a model that
+    finds people where the layer is of another class."""
     if heatmaps.contract is None:
         return None
+    for contract in (heatmaps.contract, *(member.contract for member in heatmaps.members)):
+        _require_no_crowd(contract, recording.layer)
     from crowdfence.detector.validity import check_ranges, sample_flight, statement_warnings
 
     flight = sample_flight(recording.frames, terrain, max_range_m=configs[0].projection.max_range_m)
@@ -52,6 +57,19 @@ def review_detector(
     for check in ranges:
         warnings += check.warnings(heatmaps.contract.name)
     return DetectorReview(ranges, list(dict.fromkeys(warnings)))
+
+
+def _require_no_crowd(contract: Contract, layer: str) -> None:
+    """Crowds taken for another class are worst where that is landing ground: sites would be where they stand.
+    A model that was trained on crowds says what of them it marks, whatever its file is called; one that
+    counts people may count few enough to find the class of some other layer."""
+    finds_crowds = (contract.about or {}).get("marks") in TARGET_HEIGHT_M
+    counts_people = layer == LANDING_SITE and contract.output.rule is not None
+    if layer != CROWD and (finds_crowds or counts_people):
+        raise ValueError(
+            f"the detector {contract.name} finds {'crowds' if finds_crowds else 'people'}, not the layer "
+            f"{layer!r}: name a model of that class, or take the recorded heatmaps with --detector recorded"
+        )
 
 
 def _weighed_as(config: RunConfig, layer: str) -> str | None:
