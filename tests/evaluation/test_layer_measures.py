@@ -1,13 +1,17 @@
 """What is counted of a layer, by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from crowdfence import CrowdMap
+from crowdfence import Contract, CrowdMap
 from crowdfence.config import EvidenceConfig, LinearPoolConfig, PaperConfig, RunConfig, ZoneConfig
+from crowdfence.config.comparison import LogPoolConfig, MovingAverageConfig
 from crowdfence.config.layer import PRIORS, with_layer
 from crowdfence.evaluation.layer_measures import LayerMeasures
 from crowdfence.pipeline.frame_loop import FrameLoop
+from support.onnx_models import contract as document
 from support.small_crowd_maps import SURE, flat_crowd_map
 
 
@@ -50,6 +54,32 @@ def test_ground_is_fit_for_paper_from_one_half_on_unless_somebody_says_otherwise
     assert threshold(PaperConfig(), given=0.2) == 0.2
     # The own one of the others is above that, and smoke is rounded towards smoke.
     assert threshold(EvidenceConfig()) is threshold(PaperConfig(), layer="smoke") is None
+
+
+@pytest.mark.parametrize("config", [EvidenceConfig, LogPoolConfig, MovingAverageConfig])
+def test_ground_that_is_rarely_fit_is_fit_from_one_half_on_all_the_same(config: type) -> None:
+    """Of a street a fourteenth is: 1.2 log odds above that is P = e^1.2 / (13 + e^1.2) = 0.20 alone."""
+    street = RunConfig(config(prior=1 / 14)).with_layer("landing-site")
+    assert street.zones.threshold == 0.5
+    given = RunConfig(config(prior=1 / 14), zones=ZoneConfig(threshold=0.2)).with_layer("landing-site")
+    assert given.zones.threshold == 0.2
+    assert RunConfig(config(prior=1 / 14)).with_layer("smoke").zones.threshold is None
+    # 1.2 above 1/4 is 0.525.
+    assert RunConfig(config(prior=0.25)).with_layer("landing-site").zones.threshold is None
+
+
+def test_ground_is_fit_from_one_half_on_for_a_detector_that_finds_it_rarely() -> None:
+    """By its contract, as of one in a hundred observations."""
+    table = {
+        "distance_m": [0.0, 1e9],
+        "tilt_deg": [0.0, 90.0],
+        "mean": [0.0, 0.5, 1.0],
+        "log10_ratio": [[[-1.0, 1.0]]],
+    }
+    rates = {"likelihood_ratio": table, "crowd_observations": 1, "empty_observations": 99}
+    found = replace(Contract.from_json(document()), rates=rates)
+    rare = RunConfig().with_layer("landing-site", found).with_detector(found)
+    assert rare.method.prior == 0.01 and rare.zones.threshold == 0.5
 
 
 def test_a_layer_closes_nothing() -> None:

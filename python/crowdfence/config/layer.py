@@ -5,13 +5,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import TYPE_CHECKING
 
 from crowdfence._core import LikelihoodRatio
 from crowdfence.config.comparison import LinearPoolConfig, LogPoolConfig, MovingAverageConfig
-from crowdfence.config.evidence import EvidenceConfig
+from crowdfence.config.evidence import EvidenceConfig, above
 from crowdfence.config.method import MethodConfig, PaperConfig
 from crowdfence.sources.layers import CROWD, LANDING_SITE
 from crowdfence.zones.sites import FIT_FROM
+
+if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Contract
 
 PRIORS = {LANDING_SITE: 0.25}
 """Share of the ground in view that is of the class, where it was measured (`benchmarks/layers/calibrate.py`);
@@ -44,10 +48,15 @@ def with_layer(method: MethodConfig, layer: str) -> MethodConfig:
     )
 
 
-def least_threshold(method: MethodConfig, layer: str) -> float | None:
-    """The threshold of landing sites for `paper` and `linear-pool`, whose own is met by what one drone of
-    several is sure of: rounded towards landing. None for other methods and layers."""
+def least_threshold(method: MethodConfig, layer: str, contract: Contract | None = None) -> float | None:
+    """The threshold of landing sites where the method's own is low, and rounded towards landing: that of
+    `paper` and `linear-pool` is met by what one drone of several is sure of, that of methods which go by a
+    calibration lies so far above the prior, which may be small. None for others, and for other layers."""
     own_is_low = isinstance(method, PaperConfig | LinearPoolConfig)
+    if layer == LANDING_SITE and isinstance(method, EvidenceConfig | LogPoolConfig | MovingAverageConfig):
+        prior = method.with_detector(contract).prior
+        assert prior is not None
+        own_is_low = above(prior, zone_log_odds=method.zone_log_odds) < FIT_FROM
     return FIT_FROM if layer == LANDING_SITE and own_is_low else None
 
 

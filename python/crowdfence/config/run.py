@@ -61,11 +61,11 @@ class RunConfig:
     def with_layer(self, layer: str, contract: Contract | None = None) -> RunConfig:
         """The same with what a layer of another class than crowd starts from filled in, unless a detector's
         contract says it (`config.layer`); to be called before `with_detector`."""
-        least = least_threshold(self.method, layer)
+        stated = contract is not None and "likelihood_ratio" in (contract.rates or {})
+        method = self.method if stated else with_layer(self.method, layer)
+        least = least_threshold(method, layer, contract)
         zones = self.zones if least is None or self.zones.threshold else replace(self.zones, threshold=least)
-        if contract is not None and "likelihood_ratio" in (contract.rates or {}):
-            return replace(self, zones=zones)
-        return replace(self, method=with_layer(self.method, layer), zones=zones)
+        return replace(self, method=method, zones=zones)
 
     def with_terrain(self, terrain: Terrain) -> tuple[RunConfig, tuple[str, ...]]:
         """The same with what is left to the terrain (the prior of `paper`) filled in, and what is doubtful
