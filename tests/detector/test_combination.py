@@ -9,9 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crowdfence import Contract, Detector
-from crowdfence.detector.combination import CombinationRule, combination_warnings, combined_contract, rule_for
+from crowdfence.detector.combination import (
+    CombinationRule,
+    CombinedModel,
+    combination_warnings,
+    combined_contract,
+    rule_for,
+)
 from crowdfence.detector.contract.contract import read_contract
 from crowdfence.detector.contract.lookup import KNOWN_CONTRACTS
+from crowdfence.detector.inference.picture_parts import Enlarge
 from crowdfence.detector.picture_statistics import PictureRange
 from support.onnx_models import contract as document
 from support.onnx_models import write_map_model
@@ -89,6 +96,20 @@ def test_a_detector_has_no_vote_on_ground_that_is_too_coarse_for_it(tmp_path: Pa
     found = Detector.combined([a, b])(GREY, gsd_m)
     np.testing.assert_allclose(found[:8], 0.8, atol=1e-3)
     assert (found[8:] > 0.99).all()
+
+
+@pytest.mark.parametrize(("enlarge", "votes"), [("always", True), ("affordable", False), ("never", False)])
+def test_a_detector_that_does_not_enlarge_has_no_vote_on_far_ground(
+    tmp_path: Path, enlarge: Enlarge, votes: bool
+) -> None:
+    """b knows up to 0.03 m. Its silence at 0.05 m takes away the 0.8 of the other only where it is shown that
+    ground enlarged: with an even prior, logit 0.8 - 2 is left."""
+    of_b = document(name="b", sizes={"gsd_m": [0.01, 0.03]})
+    silent = write_map_model(tmp_path / "b.onnx", of_b, scale=0.0)
+    pair = model(tmp_path, "a", [0.01, 10.0]), Detector(silent, enlarge=enlarge)
+    rule = CombinationRule(0.5, (-16.0, -2.0))
+    expected = 1 / (1 + np.exp(2.0 - logit(0.8))) if votes else 0.8
+    np.testing.assert_allclose(CombinedModel(pair, rule).heatmap(GREY, 0.05), expected, atol=1e-3)
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))

@@ -10,9 +10,9 @@ measured. Of detectors that were not calibrated together, silence (p below the p
     P = the largest p where there are none
 
 so each can add crowd, none can take away what another sees, and one that sees nothing leaves the others as
-they are. A detector has no vote where a pixel covers more metres than it knows, even enlarged: its silence
-there says nothing. Where nobody has a vote the largest p stands, and the prior at least: crowd that one of
-them sees there alone is not lost, and nobody calls that ground empty.
+they are. A detector has no vote where a pixel covers more metres than it knows, enlarged where it enlarges
+all such ground: its silence there says nothing. Where nobody has a vote the largest p stands, and the prior
+at least: crowd that one of them sees there alone is not lost, and nobody calls that ground empty.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from crowdfence.detector.contract.model_output import ModelOutput
 from crowdfence.detector.ground_scale import Gsd, across, at_cells
 from crowdfence.detector.inference.image_tensor import Image
 from crowdfence.detector.inference.map_output import Map, sigmoid
-from crowdfence.detector.inference.picture_parts import ENLARGED
 
 COMBINATIONS = Path(__file__).parent / "models" / "combinations.json"
 """Rules that were calibrated, with the names of the detectors and their `fingerprint`."""
@@ -128,6 +127,9 @@ class Opinion(Protocol):
     @property
     def contract(self) -> Contract: ...
 
+    @property
+    def coarsest_gsd_m(self) -> float | None: ...
+
     def __call__(self, image: Image, gsd_m: Gsd | None = None, *, as_it_is: bool = False) -> Map: ...
 
 
@@ -142,7 +144,7 @@ class CombinedModel:
         given = [detector(image, gsd_m, as_it_is=as_it_is) for detector in self._detectors]
         cells = max(values.shape[0] for values in given), max(values.shape[1] for values in given)
         maps = [_on(values, cells) for values in given]
-        votes = [_votes(detector.contract, gsd_m, cells) for detector in self._detectors]
+        votes = [_votes(detector.coarsest_gsd_m, gsd_m, cells) for detector in self._detectors]
         return self._rule.combined(maps, votes)
 
     def heatmaps(
@@ -151,11 +153,11 @@ class CombinedModel:
         return [self.heatmap(image, gsd, as_it_is=as_it_is) for image, gsd in zip(images, gsd_m, strict=True)]
 
 
-def _votes(contract: Contract, gsd_m: Gsd | None, cells: tuple[int, int]) -> np.ndarray | None:
+def _votes(coarsest_m: float | None, gsd_m: Gsd | None, cells: tuple[int, int]) -> np.ndarray | None:
     """Cells [h, w] where a detector has a vote; ground that is not seen has no scale and hinders nobody."""
-    if gsd_m is None or contract.sizes is None or contract.sizes.gsd_m is None:
+    if gsd_m is None or coarsest_m is None:
         return None
-    return ~(at_cells(across(gsd_m), cells) > contract.sizes.gsd_m[1] * max(ENLARGED))
+    return ~(at_cells(across(gsd_m), cells) > coarsest_m)
 
 
 def _on(values: Map, cells: tuple[int, int]) -> Map:

@@ -160,6 +160,14 @@ class Detector:
         return any(one.contract.uses_gsd for one in (self, *self._members))
 
     @property
+    def coarsest_gsd_m(self) -> float | None:
+        """Metres per pixel up to which it is shown all ground at a size that it knows; None where its
+        contract does not say what it knows."""
+        sizes = self.contract.sizes
+        enlarged = self._model.enlarged if isinstance(self._model, SizedModel) else 1.0
+        return None if sizes is None or sizes.gsd_m is None else sizes.gsd_m[1] * enlarged
+
+    @property
     def far_every_s(self) -> float:
         """Along a flight, ground that is farther away than the model knows is looked at once in so many
         seconds of a drone; 0: in every picture, as always by what finds people, combines or is a function."""

@@ -21,6 +21,7 @@ from crowdfence.detector.inference.people_map import crowd_from_people
 from crowdfence.detector.inference.people_output import People
 from crowdfence.detector.inference.people_scale import gsd_of_people
 from crowdfence.detector.inference.picture_parts import (
+    ENLARGED,
     Enlarge,
     PicturePart,
     far_cells,
@@ -71,6 +72,11 @@ class SizedModel:
         """Whether `near_heatmap` is there: of a map whose cells are probabilities of their own. People are
         counted over borders, and a crowd at the border of what was looked at would lack some."""
         return self._gives_probabilities and self._sizes.gsd_m is not None
+
+    @property
+    def enlarged(self) -> float:
+        """Size at which all ground is shown that is too far away; 1 where some of it may be at its own."""
+        return max(ENLARGED) if self._enlarge == "always" else 1.0
 
     def near_heatmap(self, image: Image, gsd_m: Gsd) -> Map:
         """`heatmap`, a masked array [h, w]: ground that is coarser than the model knows was not looked at,
