@@ -55,6 +55,12 @@ def test_words_that_mean_no_model_are_not_combined(names: list[str], message: st
         named_detector(names)
 
 
+def test_one_contract_is_not_that_of_several_models(tmp_path: Path) -> None:
+    """That of the one fits the tensors of the other, which is shown pictures otherwise."""
+    with pytest.raises(ValueError, match=r"--contract .*c.json: several detectors have one each"):
+        named_detector(["crowdnet-s", "crowdnet-s-wide"], contract=tmp_path / "c.json")
+
+
 def test_one_file_under_two_names_is_one_model(tmp_path: Path) -> None:
     model = write_map_model(tmp_path / "m.onnx", document())
     (tmp_path / "link.onnx").symlink_to(model)

@@ -85,9 +85,6 @@ def detect(
 
     with_poses = is_recording(source) or (output.suffix == ".mcap" and is_flight(source))
     named = [*(models or []), *(called_model or [])]
-    if contract is not None and len(named) > 1:
-        raise ValueError(f"--contract {contract}: several models have one each, beside or inside them")
-
     if not with_poses:
         with writable_folder(output):
             names = named or [PHOTOGRAPH_MODEL]

@@ -40,9 +40,9 @@ def choose_detector(
     """
     choices = [choice] if isinstance(choice, str) else list(choice)
     if len(choices) > 1:
-        if contract is not None:
-            raise ValueError(f"--contract {contract}: several detectors have one each, beside or inside them")
-        return named_detector(choices, threads=threads, enlarge=enlarge, far_every_s=far_every_s)
+        return named_detector(
+            choices, contract=contract, threads=threads, enlarge=enlarge, far_every_s=far_every_s
+        )
     choice = choices[0]
     if recording.layer != CROWD:
         _check_layer(recording, choice)
@@ -121,12 +121,15 @@ def named_detector(
     far_every_s: float = 0.0,
 ) -> Detector:
     """The detector of one model, or the combination of several; shipped ones go by their names. ValueError
-    for words that mean no model here, and for `far_every_s` of what looks at every picture as a whole."""
+    for words that mean no model here, for one contract of several, and for `far_every_s` of what looks at
+    every picture as a whole."""
     from crowdfence.detector.detector import Detector
     from crowdfence.detector.shipped import SHIPPED_MODEL, model_path
 
     if word := next((model for model in models if len(models) > 1 and model in ("auto", "recorded")), None):
         raise ValueError(f"--detector {word} cannot be combined; name {SHIPPED_MODEL} or a model's file")
+    if contract is not None and len(models) > 1:
+        raise ValueError(f"--contract {contract}: several detectors have one each, beside or inside them")
     files = [model_path(model).resolve() for model in models]  # one file may have several names
     if twice := [model for number, model in enumerate(models) if files[number] in files[:number]]:
         raise ValueError(f"--detector {twice[0]} is given twice: its opinion would count double")
