@@ -27,6 +27,7 @@ from crowdfence.errors import FrameError
 from crowdfence.evaluation.replay import measured_rates
 from crowdfence.heatmap_files import detect_recording
 from crowdfence.pipeline import choose_detector, heatmap_source
+from crowdfence.sources.layers import LayerPixels
 from crowdfence.sources.recording import Frame
 from support.onnx_models import contract, write_map_model, write_pixel_people_model
 from support.small_recordings import STARTS, flight, heatmap, write_airsim, write_folder
@@ -184,6 +185,32 @@ def test_recorded_heatmaps_and_those_of_functions_clear_no_ground_beside_dead_pi
     assert {(one.drone, one.stamp_ns) for one in run.refused} == {one for one in late if one[0] != "uav3"}
     reason = "its heatmap shows nobody, and the picture shows nothing but one tone (red 0, green 0, blue 0)"
     assert all(reason in one.reason for one in run.refused) and len(run.refused) == 8
+
+
+@pytest.mark.parametrize("made_by", ["recorded", "function"])
+@pytest.mark.parametrize("value", [0.0, 0.9])
+def test_nothing_is_a_landing_site_beside_a_picture_that_shows_nothing(
+    recorded: Path, terrain: Terrain, made_by: str, value: float
+) -> None:
+    """One tone looks like a field: what says that one could land there saw nothing either."""
+    recording = open_recording(recorded)
+    begun = recording.frames[len(recording.frames) // 2].stamp_ns
+
+    def told(frame: Frame) -> np.ndarray:
+        fit = np.full((6, 8), value, np.float32)
+        fit[frame.stamp_ns % 6, ord(frame.drone[-1]) % 8] = 0.1  # no video that stands still
+        return fit
+
+    def of_fields(frame: Frame) -> Frame:
+        dead = {"image": lambda: covered(128)} if frame.stamp_ns >= begun else {}
+        layers = {"landing-site": LayerPixels(heatmap=lambda: told(frame))}
+        return replace(frame, pixels=replace(frame.pixels, layers=layers, **dead))
+
+    fields = replace(recording, frames=tuple(map(of_fields, recording.frames))).of_layer("landing-site")
+    run = pipeline.run(fields, terrain, RunConfig(), detector=told if made_by == "function" else None)
+    late = {(frame.drone, frame.stamp_ns) for frame in fields.frames if frame.stamp_ns >= begun}
+    dead = {(one.drone, one.stamp_ns) for one in run.refused if "shows nothing but one tone" in one.reason}
+    assert dead == late and late
 
 
 def test_a_picture_that_cannot_be_read_takes_no_recorded_heatmap_with_it(

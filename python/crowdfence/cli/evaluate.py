@@ -149,14 +149,15 @@ def evaluate(
     reading = read_map(source, told["terrain"], **map_options(told))
     ground = reading.terrain
     source = on_ground(source, ground)  # before anything is looked at: a detector looks at its scale
-    heatmaps = heatmap_source(chosen, ground, told["max_range_m"])
+    heatmaps = heatmap_source(chosen, ground, told["max_range_m"], layer=layer)
     untold = UntoldTruth()
     cells = CellCounter(paper.b_threshold, untold)
     if measured_rates:
         with console.progress("measuring the detector", len(source.frames), "frames") as advance:
             cells.counts = count_rates(
                 source,
-                heatmap_source(chosen, ground, told["max_range_m"]),  # every picture is looked at twice
+                # Every picture is looked at twice.
+                heatmap_source(chosen, ground, told["max_range_m"], layer=layer),
                 b_threshold=paper.b_threshold,
                 untold=untold,
                 on_instant=lambda instant, _: advance(len(instant.frames)),

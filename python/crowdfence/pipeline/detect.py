@@ -19,6 +19,7 @@ from crowdfence.errors import FrameError, quoted
 from crowdfence.pipeline.far_looks import FarLooks
 from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.pipeline.still_video import StillVideo
+from crowdfence.sources.layers import CROWD, LANDING_SITE
 from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels
 
 if TYPE_CHECKING:
@@ -145,15 +146,19 @@ _SHOWN = 0.5
 """From here on a heatmap shows somebody."""
 
 
-def _unless_blind(heatmap_of: HeatmapFunction) -> HeatmapFunction:
+def _unless_blind(heatmap_of: HeatmapFunction, layer: str = CROWD) -> HeatmapFunction:
     """The function; FrameError where its heatmap shows nobody and the picture of the frame shows nothing:
     whoever made it saw nothing. One that shows crowd is of another sensor than the picture, or errs safely.
+    Of landing sites no heatmap does: one tone looks like level, open ground.
     """
 
     def seeing(frame: Frame) -> Pixels:
         heatmap = heatmap_of(frame)
-        if frame.pixels.image is not None and _shows_nobody(heatmap) and (reason := _blind(frame)):
-            raise FrameError(frame.drone, frame.stamp_ns, f"its heatmap shows nobody, and {reason}")
+        told = "" if layer == LANDING_SITE else "its heatmap shows nobody, and "
+        if frame.pixels.image is None or (told and not _shows_nobody(heatmap)):
+            return heatmap
+        if reason := _blind(frame):
+            raise FrameError(frame.drone, frame.stamp_ns, f"{told}{reason}")
         return heatmap
 
     return seeing
@@ -187,11 +192,12 @@ def heatmap_source(
     *,
     whole: bool = True,
     gsd_of: Callable[[Frame], float | None] | None = None,
+    layer: str = CROWD,
 ) -> HeatmapSource:
     """Who makes the heatmaps. None: they are taken as recorded. A `Detector` sees the pictures; where its
     model needs metres per pixel they come from the frame's pose and the terrain; a picture that shows nothing
     is refused (`blank_picture`). Any other function is called with the frame. A heatmap of either that shows
-    nobody is refused beside such a picture.
+    nobody is refused beside such a picture, and of the `layer` of landing sites any.
 
     `whole`: every look takes in all of its picture, whatever `Detector.far_every_s` says. `gsd_of`: metres
     per pixel of a whole picture for which there is no terrain, None where nobody knows them.
@@ -199,13 +205,13 @@ def heatmap_source(
     ValueError when a terrain is needed and missing, TypeError for what is neither detector nor function.
     """
     if detector is None:
-        return RECORDED
+        return RECORDED if layer == CROWD else HeatmapSource("recorded", _unless_blind(Frame.heatmap, layer))
     from crowdfence.detector.detector import Detector
 
     if not isinstance(detector, Detector):
         if not callable(detector):
             raise TypeError(f"detector is {quoted(detector)}; of a model it is Detector({quoted(detector)})")
-        return HeatmapSource("function", _unless_blind(_refusing(detector)))
+        return HeatmapSource("function", _unless_blind(_refusing(detector), layer))
     watch, near_of = PictureWatch(detector.contract), None
     if not detector.uses_gsd or (terrain is None and gsd_of is None and not detector.needs_gsd):
         heatmap_of: HeatmapFunction = partial(_detect, detector, watch)
