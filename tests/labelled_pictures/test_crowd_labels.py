@@ -9,7 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, AnnotationError, rectangle
+from crowdfence.labelled_pictures.annotated_picture import (
+    AnnotatedPicture,
+    AnnotationError,
+    people_in_boxes,
+    rectangle,
+)
 from crowdfence.labelled_pictures.crowd_labels import in_crowds, picture_labels
 from crowdfence.truth.crowd_ground import crowds_of
 
@@ -85,6 +90,19 @@ def test_a_mark_beyond_all_pictures_is_refused_by_its_place(far: float) -> None:
     for marks in ({"crowds": (crowd,)}, {"people": people, "gsd_m": None}):
         with pytest.raises(AnnotationError, match=r"p.jpg: a mark reaches to pixel -?1e\+\d+; allowed: up "):
             picture_labels(picture(**marks))
+
+
+def test_boxes_given_by_two_corners_are_refused() -> None:
+    """Three people 6 x 17 pixels large: read as x, y, width and height the last was 166 pixels wide, and
+    stood at (243, 137), outside of the picture."""
+    corners = np.array([[20, 10, 26, 27], [80, 30, 86, 47], [160, 60, 166, 77]], np.float64)
+    with pytest.raises(AnnotationError, match=r"p.jpg: all 3 boxes of people are .* given by two corners"):
+        picture_labels(picture(people_in_boxes(corners)))
+    sizes = np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1)
+    assert not picture_labels(picture(people_in_boxes(sizes), gsd_m=None)).crowd.any()
+    # One that fills the picture, or two in its corner.
+    assert picture_labels(picture(people_in_boxes(np.array([[40, 10, 100, 90]])))).crowd.sum() == 0
+    assert picture_labels(picture(people_in_boxes(np.array([[2, 2, 6, 17], [5, 1, 6, 17]])))).crowd.sum() == 0
 
 
 def test_outlines_are_drawn_as_they_are() -> None:

@@ -24,6 +24,8 @@ _POINT_PX = 1.0
 _NEAREST = 5
 """Boxes whose median tells the scale at a person: some sit, some are cut off by others."""
 _MOST_PIXELS = 400_000_000
+_SPREAD = 0.25
+"""Of a side of the picture."""
 _FARTHEST_PX = 1_000_000
 """From the picture's corner, of a mark: whoever draws counts in whole numbers, which end."""
 _GRID = 4
@@ -66,6 +68,7 @@ def _require_pixels(picture: AnnotatedPicture) -> None:
     beyond its edges are mistakes of a hand."""
     x, bottom, width, height = picture.people.T
     boxes = np.stack([x - width / 2.0, bottom - height, x + width / 2.0, bottom], axis=1)
+    _refuse_corners(boxes[height > _POINT_PX], picture)
     outlines = (*picture.crowds, *picture.ignored)
     spans = np.array([[*one.min(axis=0), *one.max(axis=0)] for one in outlines]).reshape(-1, 4)
     left, top, right, bottom = np.concatenate([boxes, spans]).T
@@ -89,6 +92,19 @@ def _require_pixels(picture: AnnotatedPicture) -> None:
         raise AnnotationError(
             f"{picture.path.name}: {count} of {len(outside)} marks lie outside {of_size}: they are of "
             "another size of it"
+        )
+
+
+def _refuse_corners(boxes: NDArray[np.float64], picture: AnnotatedPicture) -> None:
+    """People's boxes [N, 4] (left, top, right, bottom) that were read from two corners as if the second were
+    their size. One in the picture's corner may be as large as it is away from it; several at different places
+    are not."""
+    corner, size = boxes[:, :2], boxes[:, 2:] - boxes[:, :2]
+    spread = _SPREAD * np.array([picture.width, picture.height])
+    if len(boxes) and (size >= corner).all() and (np.ptp(corner, axis=0) > spread).any():
+        raise AnnotationError(
+            f"{picture.path.name}: all {len(boxes)} boxes of people are as wide and as high as they are away "
+            "from the upper left corner: they are given by two corners; allowed: x, y, width, height"
         )
 
 
