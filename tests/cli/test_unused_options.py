@@ -74,6 +74,8 @@ def test_what_shapes_zones_where_none_are_made(tmp_path: Path) -> None:
     [
         (["nowhere.mcap", "--data", "x"], "--data does nothing for a recording that is replayed"),
         (["nowhere.mcap", "--clock", "views"], "--clock does nothing for a recording that is replayed"),
+        (["--contract", "c.json"], "--contract does nothing for live views without --detector"),
+        (["--far-every", "1"], "--far-every does nothing for live views without --detector"),
         (["--replay-speed", "2"], "--replay-speed does nothing for live views"),
         (["--ros-domain", "0"], "--ros-domain does nothing without --zenoh"),
         (["--mavlink-key", "x"], "--mavlink-key does nothing without --mavlink"),

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _SERVER, _LIVE = "Server", "Live views"
 _OF_ZENOH = ("zenoh_config", "zenoh_keys", "ros_domain", "bridge_namespace")
 _OF_LIVE_VIEWS = ("data", "name", "drone", "clock", "mavlink", "mavlink_key", "zenoh", *_OF_ZENOH)
+_OF_MODELS = ("contract", "enlarge", "far_every_s")
 TokenFile = Annotated[
     Path | None,
     typer.Option("--tokens", rich_help_panel=_SERVER, help="File that `crowdfence token add` made."),
@@ -175,6 +176,8 @@ def serve(
         refuse_unused(context, _OF_LIVE_VIEWS, "for a recording that is replayed")
     else:
         refuse_unused(context, ["replay_speed"], "for live views")
+        if not _models(context.params):
+            refuse_unused(context, _OF_MODELS, "for live views without --detector")
     if not mavlink:
         refuse_unused(context, ["mavlink_key"], "without --mavlink")
     if zenoh is None:
@@ -253,7 +256,7 @@ def _live(
     ground = read_map_for_live_views(chosen["terrain"], **map_options(chosen))
     _warn_of(*ground.doubts)
     inputs = _inputs(chosen)
-    words = [word for word in chosen["detector"] if word not in ("auto", "recorded")]
+    words = _models(chosen)
     if not words:
         _refuse_unseen_pictures(inputs)
     with live(
@@ -276,6 +279,11 @@ def _live(
         inputs=inputs,
     ) as service:
         yield service
+
+
+def _models(chosen: dict[str, Any]) -> list[str]:
+    """The detectors that were named; live views bring heatmaps unless one is."""
+    return [word for word in chosen["detector"] if word not in ("auto", "recorded")]
 
 
 def _warn_of(*doubts: str) -> None:
