@@ -5,6 +5,7 @@ import io
 import json
 import shutil
 import sqlite3
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from threading import Barrier, Event, Thread
@@ -109,8 +110,59 @@ def test_a_wrong_clock_is_refused_and_told_and_the_others_go_on(tmp_path: Path) 
             assert answer.status_code == 422 and words in answer.json()["detail"]
         (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
         assert (alert.level, alert.drone, alert.cleared_ns) == ("alarm", "uav2", None)
-        assert http.post("/api/v1/views", content=at("uav2", START_NS + 1)).status_code == 202
+        now.pass_s(11.0)
+        assert http.post("/api/v1/views", content=at("uav2", now.system_ns)).status_code == 202
         assert service.alerts.active("clock", "uav2") is None
+
+
+def test_a_clock_at_the_bound_is_one_alarm(tmp_path: Path) -> None:
+    """A clock that drifts is at it for half an hour: of ten views a second every other one is refused, and a
+    thousand alarms would push out those that nobody has looked at yet."""
+    now = Now(START_NS)
+    with running(tmp_path, clock=now.clock()) as service:
+        intake = live_of(service).intake
+
+        def clocks() -> list[tuple[bool, bool]]:
+            """Newest first: still active, acknowledged."""
+            found = [one for one in service.alerts.all() if one.kind == "clock"]
+            return [(one.cleared_ns is None, one.acknowledged_by is not None) for one in found]
+
+        def fly(seconds: float, *ahead_s: float) -> None:
+            for number in range(round(10 * seconds)):
+                now.pass_s(0.1)
+                stamp = now.system_ns + round(ahead_s[number % len(ahead_s)] * SECOND_NS)
+                with suppress(Refused):
+                    intake.give_view(at("uav1", stamp))
+
+        fly(6.0, 1.95, 2.05)
+        assert clocks() == [(True, False)]
+        alarm = service.alerts.active("clock", "uav1")
+        assert alarm is not None
+        service.alerts.acknowledge(alarm.id, "ops", now.system_ns)
+        fly(6.0, 1.95, 2.05)
+        assert clocks() == [(True, True)], "who has seen it is not called again"
+        fly(9.0, 1.9)
+        assert clocks() == [(True, True)]
+        fly(2.0, 1.9)
+        assert clocks() == [(False, True)]
+        fly(1.0, 2.05)
+        assert clocks() == [(True, False), (False, True)], "another time is another alarm"
+
+
+def test_views_that_can_be_used_by_turns_are_one_warning(tmp_path: Path) -> None:
+    """A detector that keeps up with every other picture, a link that damages them."""
+    with running(tmp_path, settings=replace(SETTINGS, max_delay_ms=0.0)) as service:
+        live, take_in = live_of(service), service.mission.loop.step
+
+        def failing(*what):
+            raise MemoryError("no room")
+
+        for number in range(20):
+            service.mission.loop.step = take_in if number % 2 else failing  # type: ignore[method-assign]
+            live.intake.give_view(message(view("uav1", number)))
+            live.finish()
+        (told,) = [one for one in service.alerts.all() if one.kind == "refused_views"]
+        assert told.cleared_ns is None and live.heard.refused == {"uav1": 10}
 
 
 NOW_S = START_NS // SECOND_NS
@@ -616,9 +668,11 @@ def test_a_drone_whose_views_are_lost_again_is_told_again(tmp_path: Path) -> Non
         alerts.acknowledge(alerts.all()[0].id, "ops", 1)
         give(20, fails=True)
         assert told() == [(True, False), (False, True)]
-        give(30, fails=False)
+        give(69, fails=False)
+        assert told() == [(True, False), (False, True)], "9.8 s"
+        give(71, fails=False)
         assert told() == [(False, False), (False, True)]
-        give(40, fails=True)
+        give(80, fails=True)
         assert told() == [(True, False), (False, False), (False, True)]
 
 

@@ -44,6 +44,9 @@ Level = Literal["info", "warning", "alarm"]
 _REMEMBERED = 1000
 _WORSE = 2.0
 """Times what was told, from which on it is told anew."""
+CALM_S = 10.0
+"""Of what every view decides anew, such as a clock at the bound: it is over once it did not happen for so
+long."""
 _LOG = logging.getLogger(__name__)
 _LOG_LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "alarm": logging.ERROR}
 
@@ -108,6 +111,8 @@ class Alerts:
         """Ids of those whose last change is not on disk, because there was no room."""
         self._uncleared: dict[tuple[AlertKind, str | None], dict[str, Alert]] = {}
         """Those of them that are active by kind and drone, in the same order: every view asks for some."""
+        self._happened_ns: dict[str, int] = {}
+        """By the ids of those that are active: when it happened last since the start."""
         for (body,) in store.rows(
             "SELECT body FROM (SELECT body, rowid AS place FROM alerts ORDER BY rowid DESC LIMIT ?) "
             "ORDER BY place",
@@ -166,6 +171,7 @@ class Alerts:
         with self._lock:  # held until it is there: two threads that meet the same must not both raise it
             known = self._active(kind, drone, zone)
             if known is not None:
+                self._happened_ns[known.id] = now_ns
                 is_worse = known.is_less_than(measure)
                 if not is_worse and (not is_new or known.acknowledged_by is None):
                     return known
@@ -188,12 +194,21 @@ class Alerts:
         return alert
 
     def clear(
-        self, kind: AlertKind, now_ns: int, *, drone: str | None = None, zone: str | None = None
+        self,
+        kind: AlertKind,
+        now_ns: int,
+        *,
+        drone: str | None = None,
+        zone: str | None = None,
+        calm_s: float = 0.0,
     ) -> None:
-        """It is over; nothing happens where there is none."""
+        """It is over; nothing happens where there is none, or where it happened within `calm_s`: what comes
+        and goes with every other view would be an alert each time, and push others out."""
         with self._lock:
             known = self._active(kind, drone, zone)
             if known is None:
+                return
+            if now_ns - self._happened_ns.get(known.id, known.raised_ns) < calm_s * 1e9:
                 return
             over = self._keep(replace(known, cleared_ns=now_ns))
         self.on_change(over)
@@ -217,6 +232,7 @@ class Alerts:
 
     def _is_over(self, alert: Alert) -> None:
         """It is active no more, or not remembered."""
+        self._happened_ns.pop(alert.id, None)
         alike = self._uncleared.get((alert.kind, alert.drone), {})
         alike.pop(alert.id, None)
         if not alike:

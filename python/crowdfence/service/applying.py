@@ -16,7 +16,7 @@ from threading import Event, Thread
 import numpy as np
 
 from crowdfence._core import CrowdfenceError, Observation, View
-from crowdfence.service.alerts import Alerts
+from crowdfence.service.alerts import CALM_S, Alerts
 from crowdfence.service.arrivals import Arrival, Content, stepped
 from crowdfence.service.clock import Clock
 from crowdfence.service.detecting import Detecting
@@ -317,9 +317,10 @@ class Applying:
         self.last_ns = stamp_ns
         for arrival, content in zip(group, contents, strict=True):
             if arrival.drone in step.drones and not self._recovering:
-                self._alerts.clear("refused_views", self._clock.now_ns(), drone=arrival.drone)
+                now_ns = self._clock.now_ns()
+                self._alerts.clear("refused_views", now_ns, drone=arrival.drone, calm_s=CALM_S)
                 if isinstance(content, View):
-                    self._doubts.look(content, self._clock.now_ns())
+                    self._doubts.look(content, now_ns)
             self._show(arrival, content)
         self._mission.stepped(step)
 

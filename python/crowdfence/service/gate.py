@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from threading import Lock
 
 from crowdfence.legible import unreadable
-from crowdfence.service.alerts import Alerts
+from crowdfence.service.alerts import CALM_S, Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.guard import Rate
 from crowdfence.service.settings import ServiceSettings
@@ -79,7 +79,7 @@ class Gate:
         off_s = (stamp_ns - now_ns) / _SECOND_NS
         if -self._settings.max_age_s <= off_s <= ahead_s:
             if not by_views:
-                self._alerts.clear("clock", now_ns, drone=drone)
+                self._alerts.clear("clock", now_ns, drone=drone, calm_s=CALM_S)
             return
         side, most_s = ("ahead of", ahead_s) if off_s > 0.0 else ("behind", self._settings.max_age_s)
         reason = (
@@ -105,7 +105,7 @@ class Gate:
             self._alerts.raise_("clock", "alarm", str(error), now_ns, drone=drone)
             raise Refused(422, str(error)) from error
         if doubt is None:
-            self._alerts.clear("clock", now_ns, drone=drone)
+            self._alerts.clear("clock", now_ns, drone=drone, calm_s=CALM_S)
         else:
             self._alerts.raise_("clock", "alarm", doubt, now_ns, drone=drone)
 
