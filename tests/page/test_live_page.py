@@ -153,6 +153,31 @@ def test_a_crowd_that_gathers_becomes_a_zone(console: Console, fleet: Fleet, ser
     assert {alert["zone"] for alert in told} >= {zones[0]["id"]}
 
 
+def test_what_is_dismissed_is_what_was_looked_at(console: Console) -> None:
+    """While the reason is written the mission goes on, and crowd may come to the zone."""
+    page, sent = console.page, []
+
+    def refuse(route: Route) -> None:
+        sent.append(route.request.post_data_json)
+        route.fulfill(status=409, json={"detail": "look again"})
+
+    page.route("**/zones/*/dismiss", refuse)
+    before = int(console.state("moment.stamp_ns"))
+    console.find("dismiss").click()
+    dialog = console.find("reason-dialog")
+    dialog.locator("textarea").wait_for()
+    clicked = int(console.state("moment.stamp_ns"))
+    console.wait("moment.stamp_ns", lambda stamp: int(stamp) > clicked + 1_000_000_000)
+    dialog.locator("textarea").fill("two cars")
+    dialog.locator("button[type=submit]").click()
+    dialog.get_by_text("look again").wait_for()
+    (told,) = sent
+    assert told["reason"] == "two cars" and before <= int(told["seen_ns"]) <= clicked
+    dialog.get_by_text("Cancel").click()
+    page.unroute("**/zones/*/dismiss")
+    console.complaints.clear()
+
+
 def test_an_address_that_is_given_while_the_page_writes_its_own_is_followed(console: Console) -> None:
     """A change is due to be written when somebody opens a link: the page must not write over it."""
     console.wait("camera.target")

@@ -4,10 +4,11 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from shapely import Point, Polygon, box
 
-from crowdfence import Georeference
+from crowdfence import Georeference, View
 from crowdfence.config import EvidenceConfig, PaperConfig, ZoneConfig
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.planner import ClearAir
@@ -293,6 +294,58 @@ def test_a_dismissal_ends_where_its_crowd_reaches_beyond_the_dismissed_ground() 
     assert passed(mine, zone_set(crowd("Z1", box(-2, -2, 11, 11))), 2) == ["Z1"]
     assert passed(mine, zone_set(crowd("Z1", box(0, 0, 11.5, 9))), 3) == []
     assert passed(mine, first, 4) == [], "it takes a new dismissal"
+
+
+def test_crowd_that_came_while_the_reason_was_written_is_not_dismissed() -> None:
+    """Somebody looked at 9 x 9 m. More than 2 m beyond them is crowd that nobody spoke of, whenever it
+    comes."""
+    seen = [[[[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0], [0.0, 0.0]]]]
+    flicker, grown = zone_set(crowd("Z1", box(0, 0, 10.5, 9))), zone_set(crowd("Z1", box(0, 0, 12, 9)))
+    mine = operators()
+    with pytest.raises(RefusedAction, match="crowd of zone Z1 reaches beyond the ground .* look again"):
+        mine.do(action("dismiss", rings=seen), grown)
+    assert passed(mine, grown, 1) == []
+    mine.do(action("dismiss", rings=seen), flicker)
+    assert passed(mine, flicker, 2) == ["Z1"]
+    anew = operators()
+    anew.restore(json.loads(json.dumps(mine.to_json())))
+    for one in (mine, anew):
+        assert passed(one, grown, 3) == [], "2 m beyond what was seen, not beyond what it had become"
+
+
+def test_a_dismissal_over_http_is_of_what_was_seen(tmp_path: Path) -> None:
+    """A crowd of 3 x 3 pixels of 1.5 m becomes one of 10 x 8."""
+    with running(tmp_path) as service, asked(service) as http:
+        assert service.live is not None
+
+        def show(numbers: range, rows: slice, columns: slice) -> str:
+            """The stamp of the zones that follow."""
+            for number in numbers:
+                one, shown = view("uav1", number), np.zeros((12, 16), np.float32)
+                shown[rows, columns] = 0.95
+                still = View("uav1", one.stamp_ns, one.camera, view("uav1", 0).world_from_camera, shown)
+                service.live.intake.give_view(message(still))
+            service.live.finish()
+            return str(http.get("/api/v1/zones").json()["stamp_ns"])
+
+        def dismissed(seen_ns: str) -> tuple[int, str]:
+            told = {"reason": "two cars", "seen_ns": seen_ns}
+            answer = http.post("/api/v1/zones/Z1/dismiss", json=told)
+            return answer.status_code, answer.text
+
+        small = show(range(8), slice(5, 8), slice(6, 9))
+        large = show(range(8, 60), slice(2, 10), slice(3, 13))
+        assert [zone.id for zone in service.mission.newest.zones] == ["Z1"]
+        for seen, status, words in (
+            (small, 409, "reaches beyond the ground"),
+            (str(START_NS), 409, "there was no zone Z1"),
+            ("yesterday", 422, "seen_ns: 'yesterday' is no stamp"),
+        ):
+            answer = dismissed(seen)
+            assert answer[0] == status and words in answer[1]
+        assert not any(mark.get("dismissed") for mark in service.mission.newest.marks.values())
+        assert dismissed(large)[0] == 200
+        assert service.mission.newest.marks["Z1"]["dismissed"]
 
 
 def test_other_crowd_that_merges_into_a_dismissed_zone_is_closed() -> None:

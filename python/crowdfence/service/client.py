@@ -161,9 +161,11 @@ class Client:
     def unlock_zone(self, zone: str, reason: str) -> dict[str, Any]:
         return self._json("POST", f"/zones/{zone}/unlock", json={"reason": reason})
 
-    def dismiss_zone(self, zone: str, reason: str) -> dict[str, Any]:
-        """For crowd: for a while only."""
-        return self._json("POST", f"/zones/{zone}/dismiss", json={"reason": reason})
+    def dismiss_zone(self, zone: str, reason: str, seen_ns: int | None = None) -> dict[str, Any]:
+        """For crowd: for a while only. `seen_ns`: stamp of the zones in which somebody looked at it; refused
+        (409) where its crowd has grown since."""
+        seen = {} if seen_ns is None else {"seen_ns": str(seen_ns)}
+        return self._json("POST", f"/zones/{zone}/dismiss", json={"reason": reason, **seen})
 
     def leave_out_drone(self, drone: str, reason: str) -> None:
         """Its looks do not count until it is taken in again, because it sees nothing."""

@@ -18,7 +18,7 @@ from crowdfence.service.stamps import moment_json
 from crowdfence.service.zone_json import Marks
 from crowdfence.zones import AltitudeBand, Zone, ZoneSet
 from crowdfence.zones.ground_heights import GroundHeights
-from crowdfence.zones.history import polygon_of, zone_of_record, zone_record
+from crowdfence.zones.history import polygon_of, rings_of, zone_of_record, zone_record
 from crowdfence.zones.rules import Restriction
 from crowdfence.zones.zone_id import zone_id
 
@@ -53,7 +53,8 @@ class OperatorAction:
     role: str
     reason: str
     rings: Sequence[Any] | None = None
-    """For "add": parts of rings of corners, local metres."""
+    """Parts of rings of corners, local metres. For "add" what is closed; for "dismiss" the crowd's ground as
+    whoever dismisses it saw it, None for that of now."""
     restriction: Restriction = "prohibited"
 
 
@@ -72,7 +73,8 @@ class _Lock:
 class _Dismissal:
     until_ns: int
     zone: Zone
-    """As it was then: of that crowd the operator spoke, and of no other that gets its name in a merge."""
+    """As the operator saw it: of that crowd the operator spoke, and of no other that gets its name in a
+    merge."""
     action: OperatorAction
 
 
@@ -113,6 +115,11 @@ class OperatorZones:
             raise RefusedAction(
                 f"zone {action.zone} is not of crowd and was not drawn here: it cannot be dismissed"
             )
+        elif self._reaches_beyond(_as_seen(zone, action), zone, has_merged=False):
+            raise RefusedAction(
+                f"the crowd of zone {action.zone} reaches beyond the ground that it had when it was looked "
+                "at: look again, then dismiss it"
+            )
 
     def do(self, action: OperatorAction, zones: ZoneSet) -> str:
         """Do what was checked; the id of the zone that it concerns."""
@@ -131,7 +138,7 @@ class OperatorZones:
             del self._added[action.zone]
         else:
             until_ns = action.stamp_ns + self._dismissed_for_ns
-            self._dismissed[action.zone] = _Dismissal(until_ns, zone, action)
+            self._dismissed[action.zone] = _Dismissal(until_ns, _as_seen(zone, action), action)
         return action.zone
 
     def end_those_after(self, now_ns: int) -> bool:
@@ -251,6 +258,11 @@ def passable(zones: ZoneSet, marks: Marks) -> ZoneSet:
     return replace(zones, zones=kept)
 
 
+def seen_ground(zone: Zone) -> list[Any]:
+    """For a dismissal (`OperatorAction.rings`): the crowd's ground of a zone as somebody saw it."""
+    return rings_of(_crowd_ground(zone))
+
+
 def drawn_polygon(parts: Sequence[Any]) -> Polygon | MultiPolygon:
     """What an operator drew, parts of rings of corners. RefusedAction for what is no polygon."""
     corners = [corner for part in parts for ring in part for corner in ring]
@@ -265,6 +277,11 @@ def drawn_polygon(parts: Sequence[Any]) -> Polygon | MultiPolygon:
     if not polygon.is_valid or not polygon.area > 0.0:
         raise RefusedAction("the polygon crosses itself or holds no ground")
     return polygon
+
+
+def _as_seen(zone: Zone, action: OperatorAction) -> Zone:
+    """With the ground that whoever dismisses it saw."""
+    return replace(zone, polygon=polygon_of(action.rings), crowd_outline=None) if action.rings else zone
 
 
 def _crowd_ground(zone: Zone) -> Polygon | MultiPolygon:

@@ -72,8 +72,9 @@ export const acknowledge = (id: string) =>
 export const addZone = (polygon: Corner[], reason: string, restriction: string) =>
   post<Zone>(address("/zones"), { polygon, reason, restriction });
 export type ZoneAction = "lock" | "unlock" | "dismiss";
-export const actOnZone = (id: string, action: ZoneAction, reason: string) =>
-  post<unknown>(address(`/zones/${encodeURIComponent(id)}/${action}`), { reason });
+/** `more`: for a dismissal the stamp of the moment in which the zone was looked at (`seen_ns`). */
+export const actOnZone = (id: string, action: ZoneAction, reason: string, more: Record<string, string> = {}) =>
+  post<unknown>(address(`/zones/${encodeURIComponent(id)}/${action}`), { reason, ...more });
 export type DroneAction = "leave-out" | "take-in";
 export const actOnDrone = (name: string, action: DroneAction, reason: string) =>
   post<unknown>(address(`/drones/${encodeURIComponent(name)}/${action}`), { reason });

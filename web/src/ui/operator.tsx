@@ -60,6 +60,9 @@ const ACTIONS: Record<ZoneAction, { verb: string; danger: boolean; done: string;
 
 export function askAbout(zone: Zone, action: ZoneAction): void {
   const { verb, danger, done, text } = ACTIONS[action];
+  // While the reason is written crowd may come to it that nobody has looked at.
+  const seen_ns = store.state.moment?.stamp_ns;
+  const more: Record<string, string> = action === "dismiss" && seen_ns ? { seen_ns } : {};
   ask({
     title: `${verb} ${zone.id}`,
     text: text(zone),
@@ -67,7 +70,7 @@ export function askAbout(zone: Zone, action: ZoneAction): void {
     danger,
     restriction: false,
     answer: async (reason) => {
-      await actOnZone(zone.id, action, reason);
+      await actOnZone(zone.id, action, reason, more);
       await zonesChanged();
       notify(`${zone.id} ${done}.`);
     },

@@ -18,11 +18,13 @@ from crowdfence.service.operator_zones import (
     Action,
     RefusedAction,
     drawn_polygon,
+    seen_ground,
 )
 from crowdfence.service.routes.asking import ERRORS, Decider, TheService
 from crowdfence.service.routes.drones import Drone
 from crowdfence.service.routes.zones import ZoneId
 from crowdfence.service.service import Service
+from crowdfence.service.stamps import stamp_of
 from crowdfence.service.zone_json import zone_json
 
 router = APIRouter(tags=["operator"], responses=ERRORS)
@@ -41,6 +43,14 @@ class Because(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     reason: ReasonText
+
+
+class Dismissal(Because):
+    """Why, and of what."""
+
+    seen_ns: Annotated[str, Field(max_length=20)] | None = None
+    """Stamp of the zones that were looked at, as they tell it: where the crowd has grown since, it is not
+    dismissed unseen. Without it the dismissal is of what is there when it arrives."""
 
 
 class DrawnZone(Because):
@@ -89,10 +99,24 @@ def unlock(service: TheService, user: Decider, zone: ZoneId, because: Because) -
 
 
 @router.post("/zones/{zone:path}/dismiss", responses=_OTHERS)
-def dismiss(service: TheService, user: Decider, zone: ZoneId, because: Because) -> dict[str, Any]:
+def dismiss(service: TheService, user: Decider, zone: ZoneId, because: Dismissal) -> dict[str, Any]:
     """Take back a zone that an operator drew. A zone of crowd can be passed through for a while: it stays on
     the list with the name of who did that, and closes again by itself."""
-    return _decide(service, user, "dismiss", zone, because.reason)
+    seen = {} if because.seen_ns is None else {"rings": _seen(service, zone, because.seen_ns)}
+    return _decide(service, user, "dismiss", zone, because.reason, **seen)
+
+
+def _seen(service: Service, zone: str, seen_ns: str) -> list[Any] | None:
+    """The ground of a zone of crowd at the moment that somebody looked at; None for other zones, which do not
+    change. 409 where there was none of this id."""
+    try:
+        then = service.moment(stamp_of(seen_ns)).zones
+    except ValueError as error:
+        raise HTTPException(422, f"seen_ns: {error}") from error
+    found = next((one for one in then.closed if one.id == zone), None)
+    if found is None:
+        raise HTTPException(409, f"there was no zone {zone} at {seen_ns}: look again, then dismiss it")
+    return seen_ground(found) if found.kind == "crowd" else None
 
 
 @router.post("/drones/{drone:path}/leave-out", status_code=204, responses=_OTHERS)
