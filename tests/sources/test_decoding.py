@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import ExifTags, Image
+from PIL import EpsImagePlugin, ExifTags, Image
 
 from crowdfence.sources.pictures.decoding import decode_rgb, read_rgb
 from crowdfence.sources.ros_bag.picture import image_pixels
@@ -50,6 +50,24 @@ def test_sixteen_bits_in_a_bag_are_not_sent_into_the_same_trap() -> None:
     message = SimpleNamespace(encoding="mono16", height=8, width=8, step=16, data=bytes(128))
     with pytest.raises(ValueError, match="'mono16' are not supported.*with 8 bits a channel"):
         image_pixels(message)
+
+
+def test_a_picture_that_is_a_program_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Encapsulated PostScript, as a picture of a drone or called so in a folder: Pillow gives it to
+    Ghostscript."""
+    ran: list[object] = []
+    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *what, **more: ran.append(what))
+    path = tmp_path / "picture.png"
+    path.write_bytes(encoded("EPS"))
+    for read in (lambda: decode_rgb(path.read_bytes(), SIZE), lambda: read_rgb(path)):
+        with pytest.raises(ValueError, match="is damaged: it is no picture that can be read"):
+            read()
+    assert not ran
+
+
+@pytest.mark.parametrize("kind", ["BMP", "GIF", "JPEG", "PNG", "PPM", "TIFF", "WEBP"])
+def test_pictures_of_other_kinds_are_read(kind: str) -> None:
+    assert decode_rgb(encoded(kind), SIZE).shape == (120, 160, 3)
 
 
 INTACT = {

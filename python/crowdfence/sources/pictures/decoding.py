@@ -27,6 +27,10 @@ Size = tuple[int, int]
 LARGEST: Size = (2**14, 2**14)
 """No picture without a known camera may declare more columns or rows than this."""
 
+_FORMATS = ("BMP", "GIF", "JPEG", "JPEG2000", "PNG", "PPM", "TIFF", "WEBP")
+"""What is read as a picture, whatever it is called (MPO is of JPEG). Pillow knows others, and hands EPS,
+which is a program, to Ghostscript: whoever may send a picture would run it here."""
+
 UPRIGHT = 1
 """EXIF Orientation of a picture that is stored as it is shown."""
 
@@ -70,7 +74,7 @@ def further_pages(path: Path) -> int:
     """Pages behind the first one that `read_rgb` gives, or frames of an animation. Smaller copies of a page,
     masks and the previews in photographs are none. ValueError where what follows is damaged."""
     try:
-        with Image.open(path) as picture:
+        with Image.open(path, formats=_FORMATS) as picture:
             count = int(getattr(picture, "n_frames", 1))
             if picture.format == "MPO":
                 return 0
@@ -227,7 +231,7 @@ def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGES
     """The picture, fully decoded; its declared size is checked first, so that a lie costs no memory."""
     name = source.name if isinstance(source, Path) else "picture"
     try:
-        with Image.open(source) as picture:
+        with Image.open(source, formats=_FORMATS) as picture:
             width, height = picture.size
             if size is not None and picture.size != size:
                 raise ValueError(f"{name} is {width}x{height}, the camera is {size[0]}x{size[1]}")
