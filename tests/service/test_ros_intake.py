@@ -124,6 +124,22 @@ def test_intrinsics_that_come_behind_their_pictures_are_waited_for() -> None:
     later.join()
 
 
+def test_a_clock_that_was_set_back_gives_no_picture_the_intrinsics_of_before() -> None:
+    """The camera zoomed meanwhile, and its intrinsics come behind their pictures: those of before lie ahead
+    of all that come, and the first picture had them."""
+    known, second = Intrinsics(5.0), 1_000_000_000
+    for number in range(5):
+        known.heard(100 * second + number, WIDE)
+        assert known.at(100 * second + number) == WIDE
+    for number in range(3):
+        later = Timer(0.1, known.heard, (60 * second + number, TELE))
+        later.start()
+        assert known.at(60 * second + number) == TELE
+        later.join()
+    known.heard(59 * second + 500_000_000, TELE)  # overtaken on its way: nothing begins anew
+    assert known.at(60 * second) == TELE
+
+
 def test_a_stream_keeps_the_newest_only() -> None:
     known = Intrinsics(0.0)
     for stamp_ns in range(1000):

@@ -14,6 +14,8 @@ from crowdfence._core import Camera
 
 _KEPT = 256
 """Of pictures that wait for their poses: seconds of a film."""
+_OVERTAKEN_NS = 1_000_000_000
+"""Messages of one topic overtake each other by less: what is older is of a clock that was set back."""
 
 
 class Intrinsics:
@@ -32,6 +34,8 @@ class Intrinsics:
 
     def heard(self, stamp_ns: int, camera: Camera) -> None:
         with self._changed:
+            if stamp_ns < max(self._cameras, default=0) - _OVERTAKEN_NS:
+                self._cameras.clear()
             self._cameras.pop(stamp_ns, None)
             self._cameras[stamp_ns] = camera
             while len(self._cameras) > _KEPT:
@@ -47,7 +51,12 @@ class Intrinsics:
             if not self._cameras:
                 raise ValueError("no camera_info has come")
             if self._every_picture:
-                self._wait(lambda: max(self._cameras) >= stamp_ns)
+                self._wait(
+                    lambda: (
+                        stamp_ns in self._cameras
+                        or stamp_ns <= max(self._cameras) <= stamp_ns + _OVERTAKEN_NS
+                    )
+                )
             if (own := self._cameras.get(stamp_ns)) is not None:
                 self._every_picture = True
                 return own
