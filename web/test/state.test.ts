@@ -3,7 +3,7 @@ import { formatLink, parseLink } from "../src/state/deep_link";
 import { notify } from "../src/state/session";
 import { EMPTY_STATE, store, Store } from "../src/state/store";
 import type { Alert, AlertLevel } from "../src/api/contract";
-import { byUrgency, isOpen, marks } from "../src/state/alerts";
+import { byUrgency, isOpen, marks, withAlert } from "../src/state/alerts";
 import { pauseOf } from "../src/state/pace";
 import { thinned } from "../src/state/thinning";
 import type { Drone } from "../src/api/contract";
@@ -121,6 +121,18 @@ describe("alerts", () => {
     expect(isOpen(alert("c", "warning", false, false))).toBe(true);
     expect(isOpen(alert("d", "warning", true, false))).toBe(false);
     expect(isOpen(alert("e", "info", false, false))).toBe(false);
+  });
+
+  it("stay bounded on a page that is open for days, and those that need somebody stay", () => {
+    const at = (id: string, raised_ms: number, level: AlertLevel, over: boolean) => ({ ...alert(id, level, over, false), raised_ms });
+    let told: Alert[] = [];
+    for (let k = 0; k < 500; k++) told = withAlert(told, at(`A${k}`, k, k % 100 ? "info" : "alarm", true), 20);
+    expect(told.map(({ id }) => id)).toEqual([
+      ...Array.from({ length: 15 }, (_, k) => `A${499 - k}`),
+      ...["A400", "A300", "A200", "A100", "A0"], // alarms that nobody has seen
+    ]);
+    const seen = { ...told[19], acknowledged_by: "ana" };
+    expect(withAlert(told, seen, 20).map(({ id }) => id)).toEqual(told.map(({ id }) => id));
   });
 
   it("stand in the order in which somebody is needed, and else in their own", () => {

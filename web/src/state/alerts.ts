@@ -9,6 +9,20 @@ export function isOpen({ level, acknowledged_by, cleared_ms }: Alert): boolean {
   return acknowledged_by === null && (level === "alarm" || (level === "warning" && cleared_ms === null));
 }
 
+/** As many as the service remembers. */
+const MOST_ALERTS = 1000;
+
+/** The newest first, with one that is new or has changed; a page that is open for days keeps those that somebody has to look at,
+ * and of the others the newest. */
+export function withAlert(alerts: readonly Alert[], alert: Alert, most = MOST_ALERTS): Alert[] {
+  const all = [alert, ...alerts.filter(({ id }) => id !== alert.id)].sort((a, b) => b.raised_ms - a.raised_ms);
+  while (all.length > most) {
+    const least = all.findLastIndex((one) => !isOpen(one));
+    all.splice(least < 0 ? all.length - 1 : least, 1);
+  }
+  return all;
+}
+
 /** Those that are open first, the most urgent before others. */
 export function byUrgency(alerts: readonly Alert[]): Alert[] {
   const rank = (alert: Alert) => (isOpen(alert) ? URGENCY[alert.level] : 3);

@@ -6,6 +6,7 @@ import { openStream } from "../api/stream";
 import { parseBelief } from "../map/belief";
 import { Heights } from "../map/heights";
 import { indexAt } from "../text/stamp";
+import { withAlert } from "./alerts";
 import { formatLink, parseLink } from "./deep_link";
 import { keepSettings, readSettings } from "./settings";
 import { StaticZones } from "./static_zones";
@@ -16,6 +17,8 @@ import { unchanged } from "./unchanged";
 
 const BELIEF_EVERY_MS = 500;
 const LONGEST_TRAIL = 2000;
+/** Of alerts on the time line. */
+const MOST_TICKS = 2000;
 const AGE_EVERY_MS = 500;
 const REFRESH_AGAIN_MS = 3000;
 /** A map that is less old is not drawn anew for its age: while views come, the next one is on its way. */
@@ -180,13 +183,12 @@ async function hearing(ask: () => Promise<void>): Promise<void> {
 
 function takeAlert(alert: Alert): void {
   for (const meanwhile of heard) meanwhile.push(alert);
-  const others = store.state.alerts.filter(({ id }) => id !== alert.id);
   const { timeline } = store.state;
   const known = timeline.alerts.some(({ id }) => id === alert.id);
   const tick = { stamp_ms: alert.raised_ms, id: alert.id, level: alert.level };
   store.set({
-    alerts: [alert, ...others].sort((a, b) => b.raised_ms - a.raised_ms),
-    timeline: known ? timeline : { ...timeline, alerts: [...timeline.alerts, tick] },
+    alerts: withAlert(store.state.alerts, alert),
+    timeline: known ? timeline : { ...timeline, alerts: [...timeline.alerts.slice(-MOST_TICKS), tick] },
   });
 }
 
