@@ -1,5 +1,6 @@
 """Moments on disk, asked for over time."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -99,6 +100,38 @@ def test_zones_of_others_are_written_once_and_told_at_every_moment(tmp_path: Pat
     assert {point["closed_m2"] for point in histories["D1"]} == {6.0}
     assert all(set(point) == {"stamp_ns", "stamp_ms"} for point in points)
     assert max(sizes[1], sizes[3], sizes[5]) < 0.75 * min(sizes[0], sizes[2])
+
+
+def test_a_step_behind_what_an_operator_did_is_in_the_history_of_that_instant(tmp_path: Path) -> None:
+    """An operator acts at 40 s, while the map is at 10 s: of 40 s the step of 30 s is known last, which came
+    behind it. Asked for between 40 s and the next step, a crowd of 20 s was missing."""
+    store = Store(tmp_path, durable=False)
+    try:
+        timeline = Timeline(store)
+        second, steps = 1_000_000_000, ((1, 10), (2, 40), (3, 20), (4, 30), (5, 50))
+        for number, stamp_s in steps:
+            given = [_given("stage", 0.0)] * (number >= 2) + [_given("crowd", 50.0)] * (number >= 3)
+            timeline.add(replace(_moment(number, *given), stamp_ns=stamp_s * second))
+        store.flush()
+        found = {at_s: timeline.at(at_s * second) for at_s in (10, 20, 39, 40, 45, 50)}
+        told = {
+            at_s: (one.stamp_ns // second, [zone.id for zone in one.zones.static])
+            for at_s, one in found.items()
+            if one is not None
+        }
+        both = ["stage", "crowd"]
+        assert told == {
+            10: (10, []),
+            20: (20, both),
+            39: (30, both),
+            40: (40, both),
+            45: (40, both),
+            50: (50, both),
+        }
+        again = Timeline(store)  # after a restart, before the first moment
+        assert again.at(39 * second) is not None
+    finally:
+        store.close()
 
 
 def test_a_thousand_zones_of_others_add_nothing_to_a_moment_at_which_they_stay(tmp_path: Path) -> None:

@@ -19,6 +19,9 @@ from crowdfence.zones.tracker import EventKind
 WHOLE_EVERY = 50
 """Moments from one whose outlines are all written to the next one."""
 MOST_POINTS = 2000
+_BEHIND_NS = 120_000_000_000
+"""What an operator does is published at once, with the time of it, and views up to a minute old follow, which
+may have waited for the detector."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +61,7 @@ class Timeline:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._before: ZoneSet | None = None
+        self._newest_number = 0
         self._static_number = 0
         """Of the moment that tells the zones of others."""
         self._since_whole = WHOLE_EVERY
@@ -80,7 +84,7 @@ class Timeline:
             figures["static"] = self._static_number
         else:
             self._static_number = moment.number
-        self._before = zones
+        self._before, self._newest_number = zones, moment.number
         body = zlib.compress(_json(line).encode(), 1)
         row = (moment.number, moment.stamp_ns, whole, body, _json(moment.marks), _json(figures))
         self._store.note(
@@ -95,15 +99,22 @@ class Timeline:
         self._since_whole = WHOLE_EVERY
 
     def at(self, stamp_ns: int) -> Moment | None:
-        """The last moment up to a stamp; None before the first. LostMomentError where it may be one that is
-        missing, or rests on one: what has not changed since is told there alone."""
+        """The last moment up to a stamp; None before the first. Steps that came behind what an operator did,
+        with stamps of before, are in it: they are what was known of that stamp last. LostMomentError where it
+        may be one that is missing, or rests on one: what has not changed since is told there alone."""
         rows = self._store.rows(
-            "SELECT number FROM moments WHERE stamp_ns <= ? ORDER BY stamp_ns DESC, number DESC LIMIT 1",
+            "SELECT number, stamp_ns FROM moments WHERE stamp_ns <= ? "
+            "ORDER BY stamp_ns DESC, number DESC LIMIT 1",
             (stamp_ns,),
         )
         if not rows:
             return None
-        ((number,),) = rows
+        ((number, then_ns),) = rows
+        ((behind,),) = self._store.rows(
+            "SELECT MAX(number) FROM moments WHERE stamp_ns BETWEEN ? AND ? AND number <= ?",
+            (then_ns - _BEHIND_NS, then_ns, self._newest_number),
+        )
+        number = max(number, behind or 0)
         rows = self._store.rows(
             "SELECT number, stamp_ns, line, marks, figures FROM moments WHERE number <= ? AND number >= "
             "(SELECT MAX(number) FROM moments WHERE whole AND number <= ?) ORDER BY number",
@@ -117,7 +128,7 @@ class Timeline:
             zones = zone_set_of_line(json.loads(zlib.decompress(line)), zones)
         if zones is None:
             return None
-        _, then_ns, _, marks, figures = rows[-1]
+        _, _, _, marks, figures = rows[-1]
         ((following,),) = self._store.rows("SELECT MIN(number) FROM moments WHERE number > ?", (number,))
         if stamp_ns > then_ns and following not in (None, number + 1):
             raise LostMomentError(_LOST.format(number + 1))
