@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -68,6 +68,7 @@ def could_see(flown: Flown, ground: RandomGround, centre: NDArray[np.float64], m
 
 @settings(max_examples=20)
 @given(SEEDS)
+@example(233961)  # the bottom of a pit, by its steep top, behind a wall next to a low camera
 def test_no_ground_is_called_empty_that_no_camera_could_see(seed: int) -> None:
     rng = np.random.default_rng(seed)
     ground = RandomGround.of(rng)

@@ -360,7 +360,7 @@ impl<'a> Painter<'a> {
     /// The same by its middle and the pixel over that.
     #[inline(always)]
     fn paint_top(&mut self, id: u32, normal: DVec3, middle: DVec3, column: usize, row: usize) {
-        if self.shows_middle(normal, middle, self.canvas.owner(column, row)) {
+        if self.shows_middle(id, normal, middle, self.canvas.owner(column, row)) {
             let painted = Painted { sum: f64::from(self.canvas.value(column, row)), count: 0 };
             self.rows.push(Row { id, painted, place: middle.as_vec3(), below_top: 0.0 });
         } else {
@@ -371,9 +371,10 @@ impl<'a> Painter<'a> {
     /// Whether the middle of a top is in view, by who owns the pixel over it. Its own ray passes the centre of that
     /// pixel by less than the pixel's size, so it is in view when the pixel is free, or when what the pixel shows is
     /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and with its
-    /// top no higher above it than half a voxel and half a pixel.
+    /// top no higher above it than half a voxel and half a pixel. Close to the camera that much hides far more, and a
+    /// steep top does not go on as far as its footprint: there the ray itself is cast.
     #[inline(always)]
-    fn shows_middle(&self, normal: DVec3, middle: DVec3, owner: u32) -> bool {
+    fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, owner: u32) -> bool {
         let (height, distance) = (-normal.dot(middle), middle.length());
         if height <= 0.0 {
             return false; // turned away
@@ -387,7 +388,18 @@ impl<'a> Painter<'a> {
         let footprint = pixel * distance * normal.length() / height;
         let gap = distance - nearer.length();
         let rise = normal.dot(nearer - middle) + normal.z * f64::from(*below_top);
-        gap <= 1.5 * footprint + 2.0 && rise <= 0.5 + 0.5 * pixel
+        let most = 0.5 + 0.5 * pixel;
+        if gap > 1.5 * footprint + 2.0 || rise > most {
+            return false;
+        }
+        let level_footprint = pixel * distance / (-middle.z).max(0.0);
+        let is_sure = gap <= 1.5 * level_footprint + 2.0 && rise * distance <= most * nearer.length();
+        is_sure || self.is_met_by_its_ray(id, middle)
+    }
+
+    #[cold]
+    fn is_met_by_its_ray(&self, id: u32, middle: DVec3) -> bool {
+        self.vantage.cast(middle).is_some_and(|hit| hit.voxel_id == id)
     }
 }
 
