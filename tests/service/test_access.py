@@ -15,9 +15,11 @@ from crowdfence.cli.app import app as command_line
 from crowdfence.maps import MapError
 from crowdfence.service.access import Access, TokenFileError, add_token, read_tokens, remove_token
 from crowdfence.service.app import make_app
+from crowdfence.service.clock import Clock
 from crowdfence.service.guard import Rate
 from crowdfence.service.server import LOOPBACK_NAMES, Address, OpenToAll
 from crowdfence.service.service import Service
+from crowdfence.service.watch import Watch
 from support.small_service import SETTINGS, START_NS, asked, message, running, view, views
 
 ROLES = ("nobody", "viewer", "drone", "operator")
@@ -264,6 +266,52 @@ def test_bodies_and_requests_have_limits(tmp_path: Path) -> None:
         assert cut.status_code == 413
         codes = [http.get("/healthz").status_code for _ in range(12)]
         assert 429 in codes
+
+
+def test_a_page_and_the_drones_behind_one_address_do_not_stop_each_other(tmp_path: Path) -> None:
+    """Twice as many at once as a second: six requests of the page, and ten views."""
+    tight = replace(SETTINGS, requests_per_s=3.0, given_per_s=5.0)
+    with running(tmp_path, settings=tight) as service, asked(service) as http:
+        codes = [http.get("/api/v1/me").status_code for _ in range(12)]
+        assert 429 in codes
+        given = [http.post("/api/v1/views", content=message(one)) for one in views(4)]
+        assert [answer.status_code for answer in given[:10]] == [202] * 10
+
+
+def test_views_that_the_limit_refuses_are_counted_and_told(tmp_path: Path) -> None:
+    """What nobody read may have shown crowd."""
+    now_ns = START_NS
+    clock = Clock("system", system=lambda: now_ns, steady=lambda: now_ns)
+    tight = replace(SETTINGS, clock="system", given_per_s=0.5)
+    with running(tmp_path, settings=tight, clock=clock) as service, asked(service) as http:
+        lost = [http.post("/api/v1/views", content=message(one)) for one in views(2)]
+        refused = [answer for answer in lost if answer.status_code == 429]
+        assert refused
+        assert "more than 0.5 views a second" in refused[0].json()["detail"]
+        told = [one for one in service.alerts.all() if one.kind == "refused_views"]
+        assert [(one.level, one.cleared_ns) for one in told] == [("warning", None)]
+        assert "testclient" in told[0].text and "0.5 views a second" in told[0].text
+        assert service.live is not None and service.live.heard.refused.total() == len(refused)
+        watch = Watch(service)
+        watch.look()
+        assert service.alerts.active("refused_views", told[0].drone) is not None
+        now_ns += 11_000_000_000
+        watch.look()
+        assert service.alerts.active("refused_views", told[0].drone) is None
+
+
+def test_who_may_give_nothing_raises_no_alert_of_lost_views(guarded, monkeypatch) -> None:
+    service, tokens, _ = guarded
+    monkeypatch.setattr(service, "settings", replace(SETTINGS, given_per_s=0.1))
+    with asked(service) as http:
+        for role in ("nobody", "viewer"):
+            answer = http.post("/api/v1/views", content=b"", headers=bearer(tokens, role))
+            assert answer.status_code == 429
+        assert service.live is not None and not service.live.heard.refused
+        assert not [one for one in service.alerts.all() if one.kind == "refused_views"]
+        answer = http.post("/api/v1/views", content=b"", headers=bearer(tokens, "uav1 only"))
+        assert answer.status_code == 429 and "the token uav1, at testclient" in answer.json()["detail"]
+        assert service.live.heard.refused.total() == 1
 
 
 def test_a_rate_is_one_on_average_and_two_at_once() -> None:

@@ -11,7 +11,7 @@ from fastapi import APIRouter, FastAPI, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 
@@ -111,8 +111,26 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         hosts=hosts,
         max_body=int(service.settings.max_body_mb * 1e6),
         requests=Rate(service.settings.requests_per_s),
+        views=Rate(service.settings.given_per_s),
+        gives=frozenset({f"{API}/views", f"{API}/observations"}),
+        on_flood=lambda scope: _flooded(service, HTTPConnection(scope)),
     )
     return app
+
+
+def _flooded(service: Service, connection: HTTPConnection) -> str:
+    """Why the view is refused. An alert too, from whom views would have been taken: that of others would have
+    been lost anyhow."""
+    user = user_or_none(connection)
+    address = connection.client.host if connection.client else "an unknown address"
+    who = f"the token {user.name}, at {address}," if user and service.access.needs_token else address
+    reason = (
+        f"{who} gives more than {service.settings.given_per_s:g} views a second: those beyond are refused "
+        "unread, whatever drones they are of, and lost unless they are given again; give fewer of each drone"
+    )
+    if service.live is not None and user is not None and user.may("give"):
+        service.live.flooded(reason)
+    return reason
 
 
 def _invalid(request: Request, error: Exception) -> Response:

@@ -68,10 +68,23 @@ class _TooLarge(Exception):
 class Guard:
     """ASGI middleware."""
 
-    def __init__(self, app: App, *, hosts: frozenset[str], max_body: int, requests: Rate) -> None:
+    def __init__(
+        self,
+        app: App,
+        *,
+        hosts: frozenset[str],
+        max_body: int,
+        requests: Rate,
+        views: Rate,
+        gives: frozenset[str],
+        on_flood: Callable[[Scope], str],
+    ) -> None:
         """`hosts` are the names that the service answers to (a page of another site that points its name here
-        is refused); empty for any, which is for those who need tokens."""
+        is refused); empty for any, which is for those who need tokens. `views` are those that are posted to
+        the paths `gives`, counted apart from all other `requests`: a page and the drones behind one address
+        do not stop each other. `on_flood` hears of each that is refused, and says why."""
         self._app, self._hosts, self._max_body, self._requests = app, hosts, max_body, requests
+        self._views, self._gives, self._on_flood = views, gives, on_flood
         self._too_large = f"a body has at most {max_body} bytes"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -103,9 +116,11 @@ class Guard:
             return 413, self._too_large, 0.0
         who = headers.get("authorization") or headers.get("cookie")
         client = scope.get("client") or ("", 0)
-        wait_s = self._requests.wait_s(hashed(who) if who else str(client[0]))
+        gives = scope.get("method") == "POST" and scope["path"] in self._gives
+        rate = self._views if gives else self._requests
+        wait_s = rate.wait_s(hashed(who) if who else str(client[0]))
         if wait_s > 0.0:
-            return 429, "too many requests", wait_s
+            return 429, self._on_flood(scope) if gives else "too many requests", wait_s
         return None
 
     def _limited(self, receive: Receive) -> Receive:

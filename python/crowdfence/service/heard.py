@@ -7,6 +7,9 @@ from collections import Counter
 from crowdfence.service.latency import Latency
 from crowdfence.service.view_lag import ViewLag
 
+UNKNOWN = "(unknown)"
+"""Stands for the drone of views that nobody read, or of one that never had a view accepted."""
+
 
 class Heard:
     """Views by drone since the start, and what became of them. Counted by several threads."""

@@ -18,7 +18,7 @@ from crowdfence._core import Observation
 from crowdfence.service.applying import Applying
 from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Gate, Refused
-from crowdfence.service.heard import Heard
+from crowdfence.service.heard import UNKNOWN, Heard
 from crowdfence.service.journal import Journal, Record, RecordKind
 from crowdfence.service.left_out import DroneAction
 from crowdfence.service.mission import Mission
@@ -99,7 +99,7 @@ class Intake:
             self._gate.enter(drone, stamp_ns)
             raw = self._body(drone, body)
         except Refused:
-            self._heard.refused[drone if drone in self._heard.accepted else "(unknown)"] += 1
+            self._heard.refused[drone if drone in self._heard.accepted else UNKNOWN] += 1
             raise
         started_s = time.monotonic()
         record = Record(0, kind, drone, stamp_ns, self._clock.now_ns() or stamp_ns, raw)

@@ -14,7 +14,7 @@ from crowdfence.service.applying import Applying
 from crowdfence.service.clock import Clock
 from crowdfence.service.fleet import Fleet
 from crowdfence.service.gate import Gate
-from crowdfence.service.heard import Heard
+from crowdfence.service.heard import UNKNOWN, Heard
 from crowdfence.service.intake import Intake
 from crowdfence.service.journal import Journal
 from crowdfence.service.media import Media
@@ -43,6 +43,7 @@ class Live:
         detector_threads: int = 1,
     ) -> None:
         self._mission, self._clock, self._settings = mission, clock, settings
+        self._alerts = alerts
         self.heard = Heard()
         self.poses = poses or Poses({}, wait_s=0.0, stale_s=0.0, started_ns=0)
         """Of drones whose views come without."""
@@ -72,6 +73,11 @@ class Live:
         newest = self._mission.newest
         newest_ns = 0 if newest is None else newest.stamp_ns
         return max(self.applying.newest_look_ns, self.applying.last_ns or 0, newest_ns)
+
+    def flooded(self, reason: str) -> None:
+        """A view was refused before anybody read it, so that its drone is not known."""
+        self.heard.refused[UNKNOWN] += 1
+        self._alerts.raise_("refused_views", "warning", reason, self._clock.now_ns(), drone=UNKNOWN)
 
     def start(self) -> None:
         """After `applying.recover`."""

@@ -56,7 +56,9 @@ class ServiceSettings:
     max_body_mb: float = 16.0
     """Largest request."""
     requests_per_s: float = 100.0
-    """Of one user or address, on average."""
+    """Of one user or address, on average, without the views that it gives."""
+    given_per_s: float = 1000.0
+    """Views and observations of one user or address, on average: a bridge gives those of a whole fleet."""
 
     def __post_init__(self) -> None:
         for name in ("max_delay_ms", "max_age_s", "max_ahead_s", "pose_wait_s", "near_m", "dismissed_for_s"):
@@ -71,6 +73,7 @@ class ServiceSettings:
             "keep_media_mb",
             "max_body_mb",
             "requests_per_s",
+            "given_per_s",
         ):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise ValueError(f"{name} is {getattr(self, name):g}; it must be finite and above 0")

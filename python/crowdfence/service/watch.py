@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline import lost_crowd_warning
 from crowdfence.service import alerts as alert_log
-from crowdfence.service.alerts import AlertKind, Level
+from crowdfence.service.alerts import CALM_S, AlertKind, Level
+from crowdfence.service.heard import UNKNOWN
 from crowdfence.service.heatmap_doubts import LEAST_LOOKED_AT
 from crowdfence.service.operator_zones import passable
 from crowdfence.service.recent_looks import WINDOW_S
@@ -87,6 +88,7 @@ class Watch:
         if service.mode != "finished":
             self._silence()
         self._stamps_off()
+        self._flood()
         self._doubles()
         self._poses()
         self._alignment()
@@ -177,6 +179,10 @@ class Watch:
                 drone=drone,
                 measure=abs(least_s),
             )
+
+    def _flood(self) -> None:
+        """Of views that nobody read no step says that it is over."""
+        self._service.alerts.clear("refused_views", self._service.now_ns(), drone=UNKNOWN, calm_s=CALM_S)
 
     def _doubles(self) -> None:
         """Two drones under one name: when one falls silent, the other still gives views."""
