@@ -241,6 +241,20 @@ def test_a_stamp_that_is_far_off_says_which_unit_it_looks_like(
         assert alert.text.endswith(hint)
 
 
+@pytest.mark.parametrize(
+    ("off_ns", "words"),
+    [
+        (2_049_000_000, "is 2.05 s ahead of the clock of the service; at most 2 s are taken"),
+        (2_000_000_001, "is 2.000000001 s ahead of the clock of the service; at most 2 s are taken"),
+        (2_100_000_000, "is 2.1 s ahead of the clock of the service; at most 2 s are taken"),
+        (-60_004_000_000, "is 60.004 s behind the clock of the service; at most 60 s are taken"),
+    ],
+)
+def test_what_is_just_beyond_what_is_taken_is_told_as_more(tmp_path: Path, off_ns: int, words: str) -> None:
+    with running(tmp_path, clock=Now(START_NS).clock()) as service, pytest.raises(Refused, match=words):
+        live_of(service).intake.give_view(at("uav1", START_NS + off_ns))
+
+
 def test_a_fleet_that_was_away_for_days_is_taken_again(tmp_path: Path) -> None:
     now = Now(START_NS)
     with running(tmp_path, clock=now.clock()) as service:

@@ -83,8 +83,8 @@ class Gate:
             return
         side, most_s = ("ahead of", ahead_s) if off_s > 0.0 else ("behind", self._settings.max_age_s)
         reason = (
-            f"{drone} is {abs(off_s):.1f} s {side} the clock of the service; at most {most_s:g} s are taken"
-            + unit_hint(stamp_ns)
+            f"{drone} is {_beyond(abs(off_s), most_s)} s {side} the clock of the service; at most {most_s:g} s "
+            "are taken" + unit_hint(stamp_ns)
         )
         self._alerts.raise_("clock", "alarm", reason, now_ns, drone=drone, measure=abs(off_s))
         raise Refused(422, reason)
@@ -126,6 +126,12 @@ class Gate:
         if waiting >= self._settings.waiting_per_drone:
             raise Refused(429, f"{waiting} views of {drone} wait to be taken in", 1.0)
         self._on_the_way[drone] = waiting + 1
+
+
+def _beyond(off_s: float, most_s: float) -> str:
+    """With as many digits as show that it is more than is taken; there are nanoseconds."""
+    told = (f"{off_s:.{digits}f}" for digits in range(1, 9))
+    return next((text for text in told if float(text) > most_s), f"{off_s:.9f}")
 
 
 def _check_name(drone: str) -> None:
