@@ -255,6 +255,49 @@ def test_what_is_just_beyond_what_is_taken_is_told_as_more(tmp_path: Path, off_n
         live_of(service).intake.give_view(at("uav1", START_NS + off_ns))
 
 
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_stamp_that_moves_the_clock_of_the_views_is_told_of_the_drone_that_gave_it(
+    tmp_path: Path, restarted: bool
+) -> None:
+    """One stamp of uav3, 50 minutes ahead: the alarm named uav1 and uav2, whose clocks are right."""
+    ahead_ns = START_NS + 3000 * SECOND_NS
+    with running(tmp_path) as service:
+        for drone, stamp in (("uav1", START_NS), ("uav2", START_NS + SECOND_NS), ("uav3", ahead_ns)):
+            live_of(service).intake.give_view(at(drone, stamp))
+            settle(service)
+        if not restarted:
+            _uav3_is_told(service)
+    if restarted:
+        with running(tmp_path) as service:
+            _uav3_is_told(service)
+
+
+def _uav3_is_told(service: Service) -> None:
+    stamp = START_NS + 10 * SECOND_NS
+    for drone, of in (("uav1", "of uav3"), ("uav2", "of uav3"), ("uav3", "its own")):
+        words = (
+            f"{drone} is 2990.0 s behind the clock of the service, which is the newest stamp, {of}; at most"
+        )
+        with pytest.raises(Refused, match=words):
+            live_of(service).intake.give_view(at(drone, stamp))
+    (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
+    assert (alert.drone, alert.level) == ("uav3", "alarm")
+    assert "uav3 stamps 2999.0 s later than any other drone" in alert.text
+
+
+def test_on_the_clock_of_the_views_a_drone_behind_all_others_is_told_itself(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        for drone in ("uav1", "uav2"):
+            live_of(service).intake.give_view(at(drone, START_NS + 3000 * SECOND_NS))
+        settle(service)
+        with pytest.raises(
+            Refused, match="uav3 is 3000.0 s behind the clock .* the newest stamp, of uav[12];"
+        ):
+            live_of(service).intake.give_view(at("uav3", START_NS))
+        (alert,) = [one for one in service.alerts.all() if one.kind == "clock"]
+        assert alert.drone == "uav3"
+
+
 def test_a_fleet_that_was_away_for_days_is_taken_again(tmp_path: Path) -> None:
     now = Now(START_NS)
     with running(tmp_path, clock=now.clock()) as service:

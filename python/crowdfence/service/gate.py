@@ -5,7 +5,7 @@ Each drone has its own room, so that one that floods only stops itself."""
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from threading import Lock
 
 from crowdfence.legible import unreadable
@@ -41,11 +41,13 @@ class Gate:
         settings: ServiceSettings,
         *,
         fleet: Callable[[], Iterable[str]],
+        last_view_ns: Mapping[str, int],
         most_drones: int,
     ) -> None:
-        """`fleet`: the drones that have a view on disk or are expected; not those of views on the way."""
+        """`fleet`: the drones that have a view on disk or are expected; not those of views on the way.
+        `last_view_ns`: the newest stamp of each that was accepted."""
         self._clock, self._alerts, self._settings = clock, alerts, settings
-        self._fleet, self._most_drones = fleet, most_drones
+        self._fleet, self._last_view_ns, self._most_drones = fleet, last_view_ns, most_drones
         self._rate = Rate(settings.views_per_s)
         self._on_the_way: Counter[str] = Counter()
         self._stamps_ns: dict[str, deque[int]] = {}
@@ -81,13 +83,45 @@ class Gate:
             if not by_views:
                 self._alerts.clear("clock", now_ns, drone=drone, calm_s=CALM_S)
             return
+        led = self._led_by(drone) if by_views and off_s < 0.0 else ""
         side, most_s = ("ahead of", ahead_s) if off_s > 0.0 else ("behind", self._settings.max_age_s)
         reason = (
-            f"{drone} is {_beyond(abs(off_s), most_s)} s {side} the clock of the service; at most {most_s:g} s "
-            "are taken" + unit_hint(stamp_ns)
+            f"{drone} is {_beyond(abs(off_s), most_s)} s {side} the clock of the service{led}; at most "
+            f"{most_s:g} s are taken" + unit_hint(stamp_ns)
         )
+        if led and self._raised_of_leader(drone, stamp_ns):
+            raise Refused(422, reason)
         self._alerts.raise_("clock", "alarm", reason, now_ns, drone=drone, measure=abs(off_s))
         raise Refused(422, reason)
+
+    def _led_by(self, drone: str) -> str:
+        """Whose stamp the clock of the views is."""
+        last_ns = dict(self._last_view_ns)
+        if not last_ns:
+            return ""
+        leader = max(last_ns, key=last_ns.__getitem__)
+        return f", which is the newest stamp, {'its own' if leader == drone else f'of {leader}'}"
+
+    def _raised_of_leader(self, drone: str, stamp_ns: int) -> bool:
+        """Whether a view would be taken but for the stamps of one drone, which is ahead of all others: the
+        alarm is of that one, not of those that it leaves behind."""
+        last_ns = dict(self._last_view_ns)
+        leader = max(last_ns, key=last_ns.__getitem__)
+        others_ns = max((last for name, last in last_ns.items() if name != leader), default=None)
+        most_s = self._settings.max_age_s
+        if others_ns is None or (stamp_ns - others_ns) / _SECOND_NS < -most_s:
+            return False
+        apart_s = (last_ns[leader] - others_ns) / _SECOND_NS
+        if apart_s <= most_s:
+            return False
+        text = (
+            f"{leader} stamps {apart_s:.1f} s later than any other drone, and the newest stamp is the clock "
+            f"of the service (--clock views): {drone}, and whoever else is more than {most_s:g} s behind, is "
+            f"refused until its stamps come near; correct the clock of {leader}, and begin anew in another "
+            "folder, because this one keeps its stamp"
+        )
+        self._alerts.raise_("clock", "alarm", text, self._clock.now_ns(), drone=leader, measure=apart_s)
+        return True
 
     def _check_unit(self, drone: str, stamp_ns: int) -> None:
         """On the clock of the views nothing else shows that it runs a thousand times too slowly, so that

@@ -48,7 +48,14 @@ class Live:
         self.poses = poses or Poses({}, wait_s=0.0, stale_s=0.0, started_ns=0)
         """Of drones whose views come without."""
         most = int(mission.loop.crowd_map.method.parameters.get("fleet_size", _MOST_DRONES))
-        gate = Gate(clock, alerts, settings, fleet=self._known_drones, most_drones=most)
+        gate = Gate(
+            clock,
+            alerts,
+            settings,
+            fleet=self._known_drones,
+            last_view_ns=self.heard.last_view_ns,
+            most_drones=most,
+        )
         self.applying = Applying(
             mission, journal, fleet, media, alerts, clock, settings, gate, self.heard, detector_threads
         )
