@@ -482,7 +482,10 @@ def test_drones_may_be_called_as_their_namespaces_and_not_so_that_alarms_read_ot
         for name, character in {**refused, "uav1 ": "'uav1 ' begins or ends with a space"}.items():
             answer = http.post("/api/v1/views", content=called(name))
             assert answer.status_code == 422 and character in answer.json()["detail"]
-        names = ("/fleet/uav1", "dröne ü&?#", "طائرة")
+        for name in (".", "..", "fleet/../uav1", "./uav1"):  # addresses lose them
+            answer = http.post("/api/v1/views", content=called(name))
+            assert answer.status_code == 422 and f"name {name!r} has the part '." in answer.json()["detail"]
+        names = ("/fleet/uav1", "dröne ü&?#", "طائرة", "...", "uav..1", ".uav1")
         for name in names:
             assert http.post("/api/v1/views", content=called(name)).status_code == 202
         live_of(service).finish()

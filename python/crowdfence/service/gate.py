@@ -170,10 +170,17 @@ def _beyond(off_s: float, most_s: float) -> str:
 
 def _check_name(drone: str) -> None:
     """Names stand in alarms, on the page and in files of other formats: none turns the text behind it round,
-    and no two look alike for what nobody sees."""
+    no two look alike for what nobody sees, and none has a step that browsers and proxies take out of the
+    addresses of its picture and of what operators do with it."""
     if character := unreadable(drone):
         raise Refused(
             422, f"the drone's name has the character {character}, which shows as no text: leave it out"
         )
     if drone != drone.strip():
         raise Refused(422, f"the drone's name {drone!r} begins or ends with a space: leave it out")
+    if step := next((part for part in drone.split("/") if part in (".", "..")), None):
+        raise Refused(
+            422,
+            f"the drone's name {drone!r} has the part {step!r}, which addresses lose, so that nobody could "
+            "see its pictures or leave it out: give it another name",
+        )
