@@ -134,6 +134,31 @@ def test_a_step_behind_what_an_operator_did_is_in_the_history_of_that_instant(tm
         store.close()
 
 
+def test_a_map_of_a_step_behind_what_an_operator_did_is_that_of_the_instant(tmp_path: Path) -> None:
+    """As its zones are: at 40 s an operator acted, with the map of 10 s; those of 20 and 30 s came behind."""
+    store = Store(tmp_path, durable=False)
+    try:
+        timeline, second = Timeline(store), 1_000_000_000
+        for number, stamp_s in ((1, 10), (2, 40), (3, 20), (4, 30), (5, 50)):
+            timeline.add(replace(_moment(number), stamp_ns=stamp_s * second))
+            timeline.add_belief(number, stamp_s * second, f"map {number}".encode())
+        store.flush()
+        found = {at_s: timeline.belief_at(at_s * second) for at_s in (9, 10, 20, 39, 40, 45, 50)}
+        told = {at_s: one and (one[0], one[1].decode()) for at_s, one in found.items()}
+        third, fourth = (3, "map 3"), (4, "map 4")
+        assert told == {
+            9: None,
+            10: (1, "map 1"),
+            20: third,
+            39: fourth,
+            40: fourth,
+            45: fourth,
+            50: (5, "map 5"),
+        }
+    finally:
+        store.close()
+
+
 def test_a_thousand_zones_of_others_add_nothing_to_a_moment_at_which_they_stay(tmp_path: Path) -> None:
     store = Store(tmp_path, durable=False)
     timeline = Timeline(store)

@@ -7,7 +7,7 @@ import sqlite3
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from crowdfence.service.stamps import moment_json
 from crowdfence.service.store import Store
@@ -102,19 +102,10 @@ class Timeline:
         """The last moment up to a stamp; None before the first. Steps that came behind what an operator did,
         with stamps of before, are in it: they are what was known of that stamp last. LostMomentError where it
         may be one that is missing, or rests on one: what has not changed since is told there alone."""
-        rows = self._store.rows(
-            "SELECT number, stamp_ns FROM moments WHERE stamp_ns <= ? "
-            "ORDER BY stamp_ns DESC, number DESC LIMIT 1",
-            (stamp_ns,),
-        )
-        if not rows:
+        last = self._last_of("moments", stamp_ns)
+        if last is None:
             return None
-        ((number, then_ns),) = rows
-        ((behind,),) = self._store.rows(
-            "SELECT MAX(number) FROM moments WHERE stamp_ns BETWEEN ? AND ? AND number <= ?",
-            (then_ns - _BEHIND_NS, then_ns, self._newest_number),
-        )
-        number = max(number, behind or 0)
+        number, then_ns = last
         rows = self._store.rows(
             "SELECT number, stamp_ns, line, marks, figures FROM moments WHERE number <= ? AND number >= "
             "(SELECT MAX(number) FROM moments WHERE whole AND number <= ?) ORDER BY number",
@@ -202,6 +193,23 @@ class Timeline:
         ):
             yield stamp_ns, json.loads(figures)
 
+    def _last_of(self, table: Literal["moments", "beliefs"], stamp_ns: int) -> tuple[int, int] | None:
+        """The number of the last row up to a stamp, or of the last one that came behind it with a stamp of
+        before; and as of when that is. None before the first."""
+        rows = self._store.rows(
+            f"SELECT number, stamp_ns FROM {table} WHERE stamp_ns <= ? "
+            "ORDER BY stamp_ns DESC, number DESC LIMIT 1",
+            (stamp_ns,),
+        )
+        if not rows:
+            return None
+        ((number, then_ns),) = rows
+        ((behind,),) = self._store.rows(
+            f"SELECT MAX(number) FROM {table} WHERE stamp_ns BETWEEN ? AND ? AND number <= ?",
+            (then_ns - _BEHIND_NS, then_ns, self._newest_number),
+        )
+        return max(number, behind or 0), then_ns
+
     def add_belief(self, number: int, stamp_ns: int, belief: bytes) -> None:
         """The crowd map from above as it was."""
         body = zlib.compress(belief, 1)
@@ -213,11 +221,12 @@ class Timeline:
         )
 
     def belief_at(self, stamp_ns: int) -> tuple[int, bytes] | None:
-        """The last one up to a stamp, with the number of its moment."""
-        rows = self._store.rows(
-            "SELECT number, body FROM beliefs WHERE stamp_ns <= ? ORDER BY stamp_ns DESC LIMIT 1", (stamp_ns,)
-        )
-        return (rows[0][0], zlib.decompress(rows[0][1])) if rows else None
+        """The last one up to a stamp, as for `at`, with the number of its moment."""
+        last = self._last_of("beliefs", stamp_ns)
+        if last is None:
+            return None
+        rows = self._store.rows("SELECT body FROM beliefs WHERE number = ?", last[:1])
+        return (last[0], zlib.decompress(rows[0][0])) if rows else None
 
     def span_ns(self) -> tuple[int, int] | None:
         """Stamps of the first and of the last moment."""
