@@ -1,6 +1,7 @@
 """Lidar files that the tests write with laspy, read back as terrain."""
 
 import math
+import re
 import struct
 
 import laspy
@@ -450,6 +451,64 @@ def test_noise_far_below_does_not_place_the_map(tmp_path):
     points = np.vstack([ground, (500_010.0, 5_000_010.0, -32768.0)])
     path = write_las(tmp_path / "a.las", points, [2] * 400 + [7], crs="EPSG:32632")
     assert open_terrain(path).georeference.height_m == -500.0
+
+
+def with_low_noise(down_m, count=20):
+    """120 m x 120 m, a point on every square metre, on a slope of one in two at 600 m and above; `count`
+    points so far below it, some beside each other."""
+    plane = lambda x, y: 600.0 + x / 2  # noqa: E731
+    noise = grid_points(120, lambda x, y: plane(x, y) - down_m)[np.arange(count) * 701]
+    return np.vstack([grid_points(120, plane), noise])
+
+
+@pytest.mark.parametrize("options", [{}, {"surface": "ground"}, {"surface": "all"}])
+@pytest.mark.parametrize("kind", [1, 2])
+def test_a_few_points_far_below_the_ground_are_told(tmp_path, options, kind):
+    """Nothing was said where unmarked low noise dug pits. The lowest lie higher than most of the ground."""
+    points = with_low_noise(40.0)
+    kinds = np.r_[np.full(120 * 120, 2), np.full(20, kind)]
+    path = write_las(tmp_path / "a.las", points, kinds)
+    doubts = read_map(path, assume_local=True, voxel_size_m=2.0, **options).doubts
+    if kind == 1 and options != {"surface": "all"}:
+        assert doubts == ()  # no ground, and not in the map
+        return
+    (doubt,) = doubts
+    told = re.fullmatch(r"20 points lie up to (\d+) m below all around .*\(class 7\).* pits .*", doubt)
+    assert told is not None
+    assert 25 <= int(told[1]) <= 45  # cells of 10 m and those beside them are up to 15 m lower on this slope
+
+
+def test_points_below_are_counted_and_told_of_level_ground_exactly(tmp_path):
+    points = np.vstack([grid_points(60, lambda x, y: 5.0), [[30.5, 30.5, -35.0]]])
+    path = write_las(tmp_path / "a.las", points, np.ones(len(points)))
+    (doubt,) = read_map(path, assume_local=True, voxel_size_m=1.0).doubts
+    assert doubt.startswith("1 point lies up to 40 m below all around")
+
+
+def test_what_lies_low_and_is_ground_is_not_doubted(tmp_path):
+    """A quay wall of 25 m, a yard amid roofs of 30 m, noise that is marked, a bird, a steep slope."""
+    east, north = grid_points(120, lambda x, y: 0.0)[:, :2].T
+    yard = (np.abs(east - 60) < 6) & (np.abs(north - 60) < 6)
+    for heights, kinds in (
+        (np.where(east < 60, 0.0, 25.0), 1),
+        (np.where(yard, 0.0, 30.0), 1),
+        (east * 3.0, 2),
+    ):
+        points = np.column_stack([east, north, heights])
+        path = write_las(tmp_path / "a.las", points, np.full(len(points), kinds))
+        assert read_map(path, assume_local=True, voxel_size_m=2.0).doubts == ()
+    marked = write_las(tmp_path / "b.las", with_low_noise(40.0), [2] * 120 * 120 + [7] * 20)
+    assert read_map(marked, assume_local=True, voxel_size_m=2.0).doubts == ()
+    bird = np.vstack([grid_points(60, lambda x, y: 5.0), [[30.5, 30.5, 70.0]]])
+    path = write_las(tmp_path / "c.las", bird, np.ones(len(bird)))
+    assert read_map(path, assume_local=True, voxel_size_m=1.0).doubts == ()
+
+
+def test_a_cloud_too_sparse_to_tell_is_not_doubted(tmp_path):
+    """A point every 15 m on a slope of two in one: each lies alone, 30 m below the next."""
+    points = grid_points(600, lambda x, y: 2.0 * x, step=15.0)
+    path = write_las(tmp_path / "a.las", points)
+    assert read_map(path, assume_local=True, voxel_size_m=2.0).doubts == ()
 
 
 def test_ground_in_a_gap_was_measured_by_nobody(tmp_path):

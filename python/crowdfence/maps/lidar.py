@@ -20,6 +20,7 @@ from crowdfence.maps.geo_keys import las_crs, las_directory, vertical_unit
 from crowdfence.maps.ground_surface import triangulate, unmeasured
 from crowdfence.maps.height_raster import HIGHEST_PLAUSIBLE_M, LOWEST_PLAUSIBLE_M
 from crowdfence.maps.las_header import check_las_header
+from crowdfence.maps.lone_low_points import LonePoints
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
 from crowdfence.maps.point_cells import Gathered, VoxelKeys, cells, lowest, means, summed
@@ -111,14 +112,17 @@ def open_lidar(
         distance_m = round_voxel_size_m(math.sqrt(area_m2 / points))
         told = f"its points, up to {distance_m:g} m apart on average"
         voxels = chosen_voxel_size(voxel_size_m, distance_m, told, area_m2)
-        keys = VoxelKeys(voxels.size_m, near=corners.mean(axis=0))
+        middle = corners.mean(axis=0)
+        keys = VoxelKeys(voxels.size_m, near=middle)
         kinds: Counter[int] = Counter()
-        survey = _Survey.of(_chunks(path, reader, frame, kinds), keys, only_ground=surface == "ground")
+        chunks = _chunks(path, reader, frame, kinds)
+        survey = _Survey.of(chunks, keys, middle, only_ground=surface == "ground")
     terrain = survey.terrain(path, surface, max_hole_m)
     terrain.georeference = frame.georeference
     doubts = frame.doubts
     if surface != "all" and len(survey.ground):
         doubts = (*doubts, *_of_bridges(kinds[BRIDGE_DECK]), *_of_holes(survey, terrain))
+    doubts = (*doubts, *_of_low_points(survey, surface))
     return MapReading(terrain, voxel_size_why=voxels.why, doubts=doubts)
 
 
@@ -127,6 +131,18 @@ def _of_bridges(points: int) -> Iterator[str]:
         yield (
             f"{points:,} points of bridge decks (class 17) are no ground and not in the map: who stands on a "
             "bridge is put on what lies below, beside where they stand; pass surface='all' to have them"
+        )
+
+
+def _of_low_points(survey: _Survey, surface: Surface | None) -> Iterator[str]:
+    only_ground = surface != "all" and len(survey.ground) > 0
+    points, below_m = survey.lone.below(only_ground=only_ground)
+    if points:
+        told = "1 point lies" if points == 1 else f"{points:,} points lie"
+        yield (
+            f"{told} up to {below_m:.0f} m below all around and not marked as noise (class 7): where that is "
+            "no ground there are pits in the map, in which crowds are put in wrong places; mark such points "
+            "or leave them out of the file"
         )
 
 
@@ -184,25 +200,31 @@ def stated_crs(path: Path) -> CRS | None:
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
-    """What is kept of a cloud: mean ground point and lowest point per column, mean point per voxel."""
+    """What is kept of a cloud: mean ground point and lowest point per column, mean point per voxel, and
+    which points lie apart."""
 
     keys: VoxelKeys
     ground: NDArray[np.float64]
     lowest: NDArray[np.float64]
     voxel_points: NDArray[np.float64]
+    lone: LonePoints
 
     @staticmethod
-    def of(chunks: Chunks, keys: VoxelKeys, *, only_ground: bool) -> _Survey:
+    def of(chunks: Chunks, keys: VoxelKeys, near: NDArray[np.float64], *, only_ground: bool) -> _Survey:
         ground = Gathered(summed, "columns with ground", MAX_COLUMNS)
         low = Gathered(lowest, "columns", MAX_COLUMNS)
         voxels = Gathered(summed, "voxels", MAX_VOXELS)
+        lone = LonePoints(keys.voxel_size_m, near)
         for points, is_ground in chunks:
             ground_points = points[is_ground]
             ground.add(cells(keys.columns_of(ground_points), ground_points))
             other = points[:0] if only_ground else points
             low.add(cells(keys.columns_of(other), other))
             voxels.add(cells(keys.of(other), other))
-        return _Survey(keys, means(ground.rows()), means(low.rows()), _voxel_points(voxels.rows(), keys))
+            lone.add(points, is_ground)
+        return _Survey(
+            keys, means(ground.rows()), means(low.rows()), _voxel_points(voxels.rows(), keys), lone
+        )
 
     def terrain(self, path: Path, surface: Surface | None, max_hole_m: float) -> Terrain:
         if surface == "ground" and len(self.ground) == 0:
