@@ -64,6 +64,23 @@ def test_a_tilted_plane_goes_on_as_if_there_were_no_hole(tmp_path: Path, voxel_s
     assert str(holed.holes) == "2 bridged (10.0 m2), 0 left open (0.0 m2), limit 25 m2"
 
 
+@pytest.mark.parametrize(
+    ("limit_m2", "count", "open_m2", "told"),
+    [
+        (25.0, 1, 25.02, "1 left open (25.02 m2), limit 25 m2"),
+        (25.0, 1, 25.0004, "1 left open (25.0004 m2), limit 25 m2"),
+        (0.0, 1, 0.01, "1 left open (0.01 m2), limit 0 m2"),
+        (25.0, 2, 1850.04, "2 left open (1,850.0 m2), limit 25 m2"),
+        (25.0, 0, 0.0, "0 left open (0.0 m2), limit 25 m2"),
+    ],
+)
+def test_a_hole_that_stays_open_is_told_as_larger_than_the_limit(
+    limit_m2: float, count: int, open_m2: float, told: str
+) -> None:
+    """25 pixels of 1 m2 in UTM are more on the ground: "left open (25.0 m2), limit 25 m2" says nothing."""
+    assert str(MapHoles(limit_m2, 1, 4.0, count, open_m2)) == f"1 bridged (4.0 m2), {told}"
+
+
 def test_what_was_bridged_stays_known_as_not_measured(tmp_path: Path) -> None:
     heights = tilted()
     path = write_local(tmp_path / "a.tif", heights)
