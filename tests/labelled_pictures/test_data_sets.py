@@ -247,6 +247,23 @@ def test_an_import_tells_what_it_takes_for_nothing(tmp_path: Path) -> None:
     assert "2 marks of classes that mean nothing here: Menschenmenge" in " ".join(finished.stdout.split())
 
 
+def test_a_class_that_is_said_to_be_two_things_is_refused(tmp_path: Path) -> None:
+    """The last one won: people of that class were left out, or nobody knew which."""
+    (tmp_path / "source").mkdir()
+    source = three_people(tmp_path / "source")
+
+    def told(*roles: str) -> tuple[int, str]:
+        words = [word for role in roles for word in ("--class", role)]
+        finished = crowdfence("data", "import", "coco", source, "-o", tmp_path / "data", *words)
+        return finished.returncode, finished.stderr
+
+    for again in ("X", "x"):
+        code, said = told("X=person", f"{again}=ignore")
+        assert code == FAILED and f"says that {again} is person and that it is ignore: give one" in said
+        assert not (tmp_path / "data").exists()
+    assert told("pedestrian=person", "pedestrian=person")[0] == 0
+
+
 def test_an_import_tells_which_people_were_painted_as_groups(tmp_path: Path) -> None:
     (tmp_path / "source").mkdir()
     labels = three_people(tmp_path / "source") / "labels.json"

@@ -155,10 +155,13 @@ def import_data(
 def _roles(pairs: list[str]) -> dict[str, Any]:
     from crowdfence.labelled_pictures.annotated_picture import Role
 
-    roles = {}
+    roles: dict[str, Any] = {}
     for pair in pairs:
         name, equals, role = pair.rpartition("=")
         if not (name and equals) or role not in get_args(Role):
             raise ValueError(f"--class {pair!r} must be NAME=person, NAME=crowd or NAME=ignore")
-        roles[name] = role
+        same = name.strip().lower()  # as names of classes are compared
+        if roles.get(same, role) != role:
+            raise ValueError(f"--class says that {name} is {roles[same]} and that it is {role}: give one")
+        roles[same] = role
     return roles
