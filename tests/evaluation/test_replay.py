@@ -225,6 +225,13 @@ def test_where_no_frame_can_be_used_there_is_nothing_to_judge(truth: TruthKind) 
         score(blind, open_terrain(blind), [RunConfig(EvidenceConfig())], truth=truth)
 
 
+def test_no_configuration_is_nothing_to_score() -> None:
+    """It was an IndexError."""
+    recording = open_recording(DEMO)
+    with pytest.raises(ValueError, match="configs is empty: give a RunConfig"):
+        score(recording, open_terrain(recording), [])
+
+
 @pytest.mark.parametrize(("what", "truth"), [("time", "world"), ("people", "world"), ("labels", "projected")])
 def test_where_no_frame_tells_its_truth_there_is_nothing_to_judge(what: str, truth: TruthKind) -> None:
     recording = _damaged(what, 1)

@@ -178,12 +178,15 @@ def score(
 
     `truth` is "projected", the paper's (`ProjectedLabels`), or "world" (`CrowdsOfTheWorld`). The
     configurations must agree on how views are projected and grouped; what they leave open is filled in from
-    the detector's contract; of their zones, thresholds and looks count. ValueError when they do not, for a
-    least area of zones, when the recording does not hold that truth, or when no frame of it can be used.
+    the detector's contract; of their zones, thresholds and looks count. ValueError when they do not, when
+    there is none, for a least area of zones, when the recording does not hold that truth, or when no frame of
+    it can be used.
     `with_measures`: all that a report shows, which takes about as long again. Of `swept`, further
     configurations, the IoU alone is counted. `untold` is told of frames whose truth cannot be told, which are
     left out; ValueError where that is so of all.
     """
+    if not configs:
+        raise ValueError("configs is empty: give a RunConfig for each method that is to be scored")
     contract, layer = heatmaps.contract, recording.layer
     configs = [config.with_layer(layer, contract).with_detector(contract) for config in configs]
     swept = [config.with_layer(layer, contract).with_detector(contract) for config in swept]
