@@ -16,7 +16,8 @@ from shapely.geometry import shape
 
 from crowdfence import CrowdMap, Terrain, VoxelState, _core, open_recording
 from crowdfence.cli.demo import RECORDING, serve_command
-from crowdfence.cli.evaluate import _rates
+from crowdfence.cli.evaluate import _label, _rates
+from crowdfence.config import PaperConfig, RunConfig
 from crowdfence.evaluation.cells.rates import Confusion
 from support.command_line import FEW_FILES, crowdfence
 from support.small_recordings import EPOCH_NS, STARTS, flight, ground, write_airsim, write_folder
@@ -649,3 +650,10 @@ def test_the_demo_finds_the_crowds_of_the_bundled_recording(tmp_path: Path) -> N
         longitude, latitude = np.array(shape(zone["geometry"]).centroid.coords[0])
         centre = recording.georeference.local_from_geodetic(latitude, longitude, 1200.0)
         assert np.linalg.norm(crowd - np.ravel(centre)[:2], axis=1).min() < 10.0
+
+
+def test_labels_of_close_weights_differ():
+    """Both rows were "paper, alpha 0.3"."""
+    weights = (0.3, 0.30000001, 1.0)
+    told = [_label(RunConfig(PaperConfig(alpha=alpha))) for alpha in weights]
+    assert told == ["paper, alpha 0.3", "paper, alpha 0.30000001", "paper, alpha 1"]

@@ -554,5 +554,6 @@ _LEGEND = (
 def _label(config: RunConfig) -> str:
     method = config.method
     if isinstance(method, (PaperConfig, LinearPoolConfig, LogPoolConfig)):
-        return f"{method.name}, alpha {method.alpha:g}"
+        # All its digits: rows of 0.3 and 0.30000001 are two.
+        return f"{method.name}, alpha {repr(method.alpha).removesuffix('.0')}"
     return method.name
