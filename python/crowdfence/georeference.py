@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 LOWEST_HEIGHT_M = -12_000.0
 HIGHEST_HEIGHT_M = 100_000.0
 
+MAX_LATITUDE_DEG = 89.0
+"""Where outlines, circles and ways in degrees end: longitude loses its meaning at the poles."""
+
 
 @dataclass(frozen=True, slots=True)
 class Georeference:
@@ -101,6 +104,15 @@ class Georeference:
     def _geodetic(self, points: ArrayLike) -> tuple[NDArray[np.float64], ...]:
         """(longitude_deg, latitude_deg, ellipsoidal height), each [N], of local points [N, 3]."""
         return _transform(_topocentric(self), _columns(points), "local -> WGS84", True)
+
+
+def longitude_latitude(
+    places: NDArray[np.float64], height_m: float, georeference: Georeference
+) -> NDArray[np.float64]:
+    """Degrees [N, 2] of places [N, 2], local metres, at one local height."""
+    at_height = np.column_stack([places, np.full(len(places), height_m)])
+    latitude, longitude, _ = georeference.geodetic_from_local(at_height)
+    return np.column_stack([longitude, latitude])
 
 
 def on_earth(latitude_deg: float, longitude_deg: float) -> bool:

@@ -290,9 +290,10 @@ def _told(
         {"east_m": round(x, 3), "north_m": round(y, 3)} for x, y in found.waypoints.tolist()
     ]
     if georeference is not None:
-        points = np.column_stack([found.waypoints, np.full(len(found.waypoints), height_m)])
-        latitude, longitude, _ = georeference.geodetic_from_local(points)
-        for waypoint, north, east in zip(waypoints, latitude.tolist(), longitude.tolist(), strict=True):
+        from crowdfence.georeference import longitude_latitude
+
+        degrees = longitude_latitude(found.waypoints, height_m, georeference).tolist()
+        for waypoint, (east, north) in zip(waypoints, degrees, strict=True):
             waypoint |= {"latitude": round(north, 8), "longitude": round(east, 8)}
     if found.stamps_ns is not None:
         for waypoint, stamp_ns in zip(waypoints, found.stamps_ns.tolist(), strict=True):

@@ -10,15 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from crowdfence.georeference import Georeference
+from crowdfence.georeference import MAX_LATITUDE_DEG, Georeference, longitude_latitude
 from crowdfence.great_circle import great_circle_m
 from crowdfence.zones.capacity import Circle
 
 SPHERE_M = 6_378_137.0
 """The largest radius that autopilots take for the Earth's."""
-MAX_LATITUDE_DEG = 89.0
 _BEARINGS = 64
 _MARGIN_M = 0.02
 _MARGIN = 1e-6
@@ -29,16 +27,15 @@ def geographic_circle(
 ) -> tuple[float, float, float]:
     """Longitude, latitude and radius in metres, in whole centimetres, of a circle on ground between two local
     heights. ValueError within one degree of a pole."""
-    longitude, latitude = _degrees(
-        np.array([[circle.east_m, circle.north_m]]), (lowest_m + highest_m) / 2, georeference
-    )
-    middle = (round(float(longitude[0]), decimals), round(float(latitude[0]), decimals))
+    centre = np.array([[circle.east_m, circle.north_m]])
+    (degrees,) = longitude_latitude(centre, (lowest_m + highest_m) / 2, georeference).tolist()
+    middle = (round(degrees[0], decimals), round(degrees[1], decimals))
     angle = 2 * np.pi * np.arange(_BEARINGS) / _BEARINGS
     reach_m = circle.radius_m / math.cos(math.pi / _BEARINGS)  # around the circle, not in it
     rim = [circle.east_m, circle.north_m] + reach_m * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     radius_m = 0.0
     for height_m in (lowest_m, highest_m):
-        longitude, latitude = _degrees(rim, height_m, georeference)
+        longitude, latitude = longitude_latitude(rim, height_m, georeference).T
         if np.abs(latitude).max() > MAX_LATITUDE_DEG:
             raise ValueError(
                 f"a circle reaches latitude {latitude[np.argmax(np.abs(latitude))]:.4f}; zones are written "
@@ -48,12 +45,3 @@ def geographic_circle(
     # ArduPilot takes the width of a degree of longitude at one end of the way.
     flat_m = radius_m**2 * math.tan(math.radians(abs(middle[1]))) / SPHERE_M
     return *middle, math.ceil((radius_m * (1.0 + _MARGIN) + flat_m + _MARGIN_M) * 100) / 100
-
-
-def _degrees(
-    points: NDArray[np.float64], height_m: float, georeference: Georeference
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    latitude, longitude, _ = georeference.geodetic_from_local(
-        np.column_stack([points, np.full(len(points), height_m)])
-    )
-    return longitude, latitude

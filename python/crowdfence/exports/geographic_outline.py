@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.georeference import Georeference
+from crowdfence.georeference import MAX_LATITUDE_DEG, Georeference
 from crowdfence.zones import Zone
 
 if TYPE_CHECKING:
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 DECIMALS = 9
 MARGIN_M = 0.001
 MAX_EDGE_M = 25.0
-MAX_LATITUDE_DEG = 89.0
 
 _STRAIGHT_M = 3e-4
 """Zones of others are straight in longitude and latitude, and got corners every 100 m to be so in the local

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.exports.geographic_outline import MAX_LATITUDE_DEG
-from crowdfence.georeference import Georeference
+from crowdfence.georeference import MAX_LATITUDE_DEG, Georeference, longitude_latitude
 from crowdfence.iso_time import iso_utc
 
 DECIMALS = 8
@@ -45,7 +44,7 @@ def route_geojson(
         lines, head = [_line(places.round(3), stamps)], {"crs": None}
     else:
         places, stamps = _with_corners_between(places, stamps, georeference, height_m)
-        degrees = _longitude_latitude(places, georeference, height_m)
+        degrees = longitude_latitude(places, height_m, georeference)
         highest_deg = degrees[np.abs(degrees[:, 1]).argmax(), 1]
         if abs(highest_deg) > MAX_LATITUDE_DEG:
             raise ValueError(
@@ -69,15 +68,6 @@ def _line(corners: NDArray[np.float64], stamps_ns: NDArray[np.int64] | None) -> 
     return list(zip(corners.tolist(), stamps, strict=True))
 
 
-def _longitude_latitude(
-    places: NDArray[np.float64], georeference: Georeference, height_m: float
-) -> NDArray[np.float64]:
-    """[N, 2] degrees of places [N, 2]."""
-    at_height = np.column_stack([places, np.full(len(places), height_m)])
-    latitude, longitude, _ = georeference.geodetic_from_local(at_height)
-    return np.column_stack([longitude, latitude])
-
-
 def _with_corners_between(
     places: NDArray[np.float64],
     stamps_ns: NDArray[np.int64] | None,
@@ -85,8 +75,8 @@ def _with_corners_between(
     height_m: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
     """Places [N, 2] and when they are passed [N], with as many between as straight lines in degrees need."""
-    ends = _longitude_latitude(places, georeference, height_m)
-    middles = _longitude_latitude((places[:-1] + places[1:]) / 2, georeference, height_m)
+    ends = longitude_latitude(places, height_m, georeference)
+    middles = longitude_latitude((places[:-1] + places[1:]) / 2, height_m, georeference)
     to_ends = [_turned(side - middles) for side in (ends[:-1], ends[1:])]
     off = (to_ends[0] + to_ends[1]) / 2 * _DEGREE_M
     off_m = np.hypot(off[:, 0] * np.cos(np.deg2rad(middles[:, 1])), off[:, 1])

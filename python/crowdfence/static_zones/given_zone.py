@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.georeference import Georeference
+from crowdfence.georeference import MAX_LATITUDE_DEG, Georeference
 from crowdfence.great_circle import great_circle_m
 from crowdfence.legible import legible
 from crowdfence.zones import MAX_ID_LENGTH, AltitudeBand, Zone
@@ -33,7 +33,6 @@ _CIRCLE_CORNERS = 64
 _MAX_RADIUS_M = 2e6
 _HIGHER_GROUND = 1.001
 """A circle on the ellipsoid is so much wider 6 km above it."""
-_MAX_LATITUDE_DEG = 89.0
 _MAX_LONGITUDE_DEG = 540.0
 """Files that go on beyond the antimeridian write 181; what is farther round is no longitude."""
 _FAR_DEG = 20.0
@@ -219,8 +218,8 @@ def _check_places(name: str, corners: NDArray[np.float64]) -> None:
             f"zone {name!r} has a corner at {corners[0, 0]:.10g}, {corners[0, 1]:.10g}: no degrees, as in a "
             "file of metres; write it in longitude and latitude (WGS 84)"
         )
-    if latitude_deg > _MAX_LATITUDE_DEG:
-        raise ValueError(f"zone {name!r} reaches beyond {_MAX_LATITUDE_DEG:g} degrees of latitude")
+    if latitude_deg > MAX_LATITUDE_DEG:
+        raise ValueError(f"zone {name!r} reaches beyond {MAX_LATITUDE_DEG:g} degrees of latitude")
     if longitude_deg > _MAX_LONGITUDE_DEG:
         raise ValueError(f"zone {name!r} has a longitude of {longitude_deg:g} degrees")
 
