@@ -530,6 +530,16 @@ def test_ground_that_was_seen_empty_is_not_so_for_ever(tmp_path: Path) -> None:
         assert (told in " ".join(done.stderr.split())) == (aged_m > 0.0)
 
 
+def test_a_way_over_no_empty_ground_cannot_age(run: Path) -> None:
+    """The terrain and the whole map were read for it; here they are not there."""
+    with_states(run, np.full((20, 10), VoxelState.STALE, dtype=np.uint8))
+    way = ["route", str(run), "--local", "--from", "1,5.5", "--to", "19,5.5", "--speed-m-s", "1", "--json"]
+    done = CliRunner().invoke(app, way)
+    told = json.loads(done.stdout)
+    assert done.exit_code == 0 and told["not_known_empty_on_arrival_m"] == pytest.approx(18.0)
+    assert "by the arrival" not in done.stderr
+
+
 def test_a_way_through_a_run_without_a_map_says_so(run: Path) -> None:
     done = CliRunner().invoke(app, ["route", str(run), "--local", "--from", "1,5", "--to", "19,5"])
     assert done.exit_code == 0 and "holds no map of that instant" in done.stderr

@@ -263,6 +263,9 @@ def _aged_m(run: Path, history: ZoneHistory, found: Route, at_departure: StateRa
 
     if found.stamps_ns is None or at_departure is None:
         return None
+    over_m = _over_m(found, at_departure)
+    if over_m is not None and over_m["empty"] == 0.0:
+        return _unknown_m(over_m)  # nothing can age, and reading the map takes longer than finding the way
     return _unknown_m(_over_m(found, open_states(run, history, int(found.stamps_ns[-1]))))
 
 
