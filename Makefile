@@ -16,10 +16,7 @@ help:
 demo: setup page ## fuse the bundled three-drone recording into out/demo/
 	$(BIN)/crowdfence demo -o out/demo --force
 
-# Rust's tests are compiled while Python's packages are fetched, which leaves a core idle.
-test: ## everything CI runs
-	@$(MAKE) --no-print-directory --jobs=2 lint test-rust test-web
-	@$(MAKE) --no-print-directory test-python
+test: lint test-rust test-web test-python ## everything CI runs
 
 setup: $(VENV)/.built ## virtual environment in .venv with the locked packages and the compiled core
 
@@ -63,11 +60,10 @@ opengl: setup
 	  2>/dev/null || { SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); \
 	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq libegl1 libgl1-mesa-dri; }
 
-# A file of tests is run by one process: what its tests share is made once. There is one process more than cores, as
-# many wait for servers and browsers. They start hundreds of commands, of which each would compile the package anew where
-# the environment says that Python keeps nothing.
+# A file of tests is run by one process: what its tests share is made once. They start hundreds of commands, of which each
+# would compile the package anew where the environment says that Python keeps nothing.
 test-python: opengl page chromium
-	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --numprocesses $$(($$(nproc) + 1)) --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 # Node comes with the locked Python packages and runs nothing but the build and the tests of the page.
 WEB  := $(filter-out web/node_modules/%,$(shell find web -path web/node_modules -prune -o -type f -print))

@@ -316,20 +316,25 @@ def test_a_picture_that_was_changed_is_decoded_again(tmp_path: Path):
     assert description.stat().st_mtime_ns == made_ns
 
 
-def test_a_map_that_was_changed_labels_the_ground_again(tmp_path: Path):
+def test_a_map_that_was_changed_labels_the_ground_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     folder = tmp_path / "f"
     folder.mkdir()
     for path in (DEMO, *DEMO.parent.glob("race.*")):
         shutil.copyfile(path, folder / path.name)
-    mission = folder / DEMO.name
-    terrain = open_recording(mission).terrain
-    assert terrain is not None and terrain.parent == folder
-    store_missions([mission], ["ground"], tmp_path / "store")
-    os.utime(terrain, (1, 1))
-    description = next((tmp_path / "store").glob("*.json"))
-    made_ns = description.stat().st_mtime_ns
-    store_missions([mission], ["ground"], tmp_path / "store")
-    assert description.stat().st_mtime_ns > made_ns
+    mission = open_recording(folder / DEMO.name)
+    assert mission.terrain is not None and mission.terrain.parent == folder
+    few = replace(mission, frames=mission.frames[:2])
+    monkeypatch.setattr("crowdfence.sources.open_recording", lambda path: few)
+    part = tmp_path / "part"
+
+    def store() -> int:
+        _stored(folder / DEMO.name, ("ground",), {}, 1.0, part)
+        return part.with_suffix(".json").stat().st_mtime_ns
+
+    made_ns = store()
+    assert store() == made_ns
+    os.utime(mission.terrain, (1, 1))
+    assert store() > made_ns
 
 
 def test_a_store_of_which_a_part_is_gone_is_made_again(tmp_path: Path):
