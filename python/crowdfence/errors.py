@@ -55,3 +55,10 @@ def quoted(value: object, characters: int = _VALUE_CHARACTERS) -> str:
 
 def _beginning(text: str, characters: int) -> str:
     return f"{text[:characters]}..." if len(text) > characters else text
+
+
+def beyond(value: float, bound: float, grouped: str = "") -> str:
+    """A value with as many digits, up to nine, as show that it is above a bound; one digit where it is not.
+    `grouped`: what stands between thousands."""
+    told = [f"{value:{grouped}.{digits}f}" for digits in range(1, 10)]
+    return next((text for text in told if float(text.replace(grouped or ",", "")) > bound), told[0])

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.detector.contract.two_corners import are_two_corners
 from crowdfence.labelled_pictures.annotated_picture import (
     AnnotatedPicture,
     AnnotationError,
@@ -24,8 +25,6 @@ _POINT_PX = 1.0
 _NEAREST = 5
 """Boxes whose median tells the scale at a person: some sit, some are cut off by others."""
 _MOST_PIXELS = 400_000_000
-_SPREAD = 0.25
-"""Of a side of the picture."""
 _FARTHEST_PX = 1_000_000
 """From the picture's corner, of a mark: whoever draws counts in whole numbers, which end."""
 _GRID = 4
@@ -97,11 +96,9 @@ def _require_pixels(picture: AnnotatedPicture) -> None:
 
 def _refuse_corners(boxes: NDArray[np.float64], picture: AnnotatedPicture) -> None:
     """People's boxes [N, 4] (left, top, right, bottom) that were read from two corners as if the second were
-    their size. One in the picture's corner may be as large as it is away from it; several at different places
-    are not."""
+    their size."""
     corner, size = boxes[:, :2], boxes[:, 2:] - boxes[:, :2]
-    spread = _SPREAD * np.array([picture.width, picture.height])
-    if len(boxes) and (size >= corner).all() and (np.ptp(corner, axis=0) > spread).any():
+    if are_two_corners(corner, size, (picture.width, picture.height)):
         raise AnnotationError(
             f"{picture.path.name}: all {len(boxes)} boxes of people are as wide and as high as they are away "
             "from the upper left corner: they are given by two corners; allowed: x, y, width, height"

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.errors import beyond
 from crowdfence.maps.height_raster import Bridges, HeightRaster
 
 Array = NDArray[np.float64]
@@ -23,9 +24,6 @@ Indices = NDArray[np.int64]
 
 MAX_HOLE_M2 = 25.0
 """Bridged unless the caller says otherwise: 5 x 5 m."""
-
-_MOST_DIGITS = 8
-"""Holes are larger than the limit by a billionth of it at least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +40,12 @@ class MapHoles:
     def __str__(self) -> str:
         if not (self.bridged or self.open):
             return "none"
+        # 5 x 5 m of a projection are 25.02 m2 of ground.
+        open_m2 = beyond(self.open_m2, self.max_hole_m2 if self.open else 0.0, ",")
         return (
             f"{self.bridged} bridged ({self.bridged_m2:,.1f} m2), {self.open} left open "
-            f"({self._open_m2()} m2), limit {self.max_hole_m2:g} m2"
+            f"({open_m2} m2), limit {self.max_hole_m2:g} m2"
         )
-
-    def _open_m2(self) -> str:
-        """With a digit that says it is above the limit: 5 x 5 m of a projection are 25.02 m2 of ground."""
-        told = [f"{self.open_m2:,.{digits}f}" for digits in range(1, _MOST_DIGITS + 1)]
-        above = [text for text in told if float(text.replace(",", "")) > self.max_hole_m2]
-        return above[0] if self.open and above else told[0]
 
 
 def bridge_holes(raster: HeightRaster, pixel_m2: float, max_hole_m2: float) -> tuple[Bridges, MapHoles]:

@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from threading import Lock
 
+from crowdfence.errors import beyond
 from crowdfence.legible import unreadable
 from crowdfence.service.alerts import CALM_S, Alerts
 from crowdfence.service.clock import Clock
@@ -83,30 +84,24 @@ class Gate:
             if not by_views:
                 self._alerts.clear("clock", now_ns, drone=drone, calm_s=CALM_S)
             return
-        led = self._led_by(drone) if by_views and off_s < 0.0 else ""
+        last_ns = dict(self._last_view_ns) if by_views and off_s < 0.0 else {}
+        leader = max(last_ns, key=last_ns.__getitem__, default=None)
+        led = ""
+        if leader is not None:
+            led = f", which is the newest stamp, {'its own' if leader == drone else f'of {leader}'}"
         side, most_s = ("ahead of", ahead_s) if off_s > 0.0 else ("behind", self._settings.max_age_s)
         reason = (
-            f"{drone} is {_beyond(abs(off_s), most_s)} s {side} the clock of the service{led}; at most "
+            f"{drone} is {beyond(abs(off_s), most_s)} s {side} the clock of the service{led}; at most "
             f"{most_s:g} s are taken" + unit_hint(stamp_ns)
         )
-        if led and self._raised_of_leader(drone, stamp_ns):
+        if leader is not None and self._raised_of_leader(leader, last_ns, drone, stamp_ns):
             raise Refused(422, reason)
         self._alerts.raise_("clock", "alarm", reason, now_ns, drone=drone, measure=abs(off_s))
         raise Refused(422, reason)
 
-    def _led_by(self, drone: str) -> str:
-        """Whose stamp the clock of the views is."""
-        last_ns = dict(self._last_view_ns)
-        if not last_ns:
-            return ""
-        leader = max(last_ns, key=last_ns.__getitem__)
-        return f", which is the newest stamp, {'its own' if leader == drone else f'of {leader}'}"
-
-    def _raised_of_leader(self, drone: str, stamp_ns: int) -> bool:
+    def _raised_of_leader(self, leader: str, last_ns: Mapping[str, int], drone: str, stamp_ns: int) -> bool:
         """Whether a view would be taken but for the stamps of one drone, which is ahead of all others: the
         alarm is of that one, not of those that it leaves behind."""
-        last_ns = dict(self._last_view_ns)
-        leader = max(last_ns, key=last_ns.__getitem__)
         others_ns = max((last for name, last in last_ns.items() if name != leader), default=None)
         most_s = self._settings.max_age_s
         if others_ns is None or (stamp_ns - others_ns) / _SECOND_NS < -most_s:
@@ -160,12 +155,6 @@ class Gate:
         if waiting >= self._settings.waiting_per_drone:
             raise Refused(429, f"{waiting} views of {drone} wait to be taken in", 1.0)
         self._on_the_way[drone] = waiting + 1
-
-
-def _beyond(off_s: float, most_s: float) -> str:
-    """With as many digits as show that it is more than is taken; there are nanoseconds."""
-    told = (f"{off_s:.{digits}f}" for digits in range(1, 9))
-    return next((text for text in told if float(text) > most_s), f"{off_s:.9f}")
 
 
 def _check_name(drone: str) -> None:

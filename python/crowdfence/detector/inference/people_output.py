@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.detector.contract.contract import Contract
+from crowdfence.detector.contract.two_corners import are_two_corners
 from crowdfence.detector.inference.overlap_removal import strongest_boxes
 from crowdfence.errors import DetectorError
 
 MAX_DETECTIONS = 10_000
 """Of one run of the model, above `score_min`. More is a wrong contract, not a crowd."""
-_SPREAD = 0.25
-"""Of a side of the input."""
 
 Rows = NDArray[np.float64]
 
@@ -220,17 +219,10 @@ def _corners(boxes: Rows, contract: Contract, model_shape: tuple[int, int]) -> R
             )
         return boxes
     middle, size = boxes[:, :2], boxes[:, 2:]
-    if len(boxes) and (size >= middle).all() and _are_spread(middle, contract, model_shape):
+    height, width = (1, 1) if contract.output.coordinates == "fraction" else model_shape
+    if are_two_corners(middle, size, (width, height)):
         raise DetectorError(
             f"output {contract.output.name}: all of {len(boxes)} boxes are as wide and as high as they are "
             "away from the upper left corner; is output.box_format 'xyxy'?"
         )
     return np.concatenate([middle - size / 2.0, middle + size / 2.0], axis=1)
-
-
-def _are_spread(middle: Rows, contract: Contract, model_shape: tuple[int, int]) -> bool:
-    """Over more than a share of the input. Boxes of one person near the corner, or of one who fills the
-    picture, may be as large as they are away from the corner; those of several at different places are not.
-    """
-    height, width = (1, 1) if contract.output.coordinates == "fraction" else model_shape
-    return bool((np.ptp(middle, axis=0) > _SPREAD * np.array([width, height])).any())
