@@ -394,12 +394,17 @@ impl<'a> Painter<'a> {
         }
         let level_footprint = pixel * distance / (-middle.z).max(0.0);
         let is_sure = gap <= 1.5 * level_footprint + 2.0 && rise * distance <= most * nearer.length();
-        is_sure || self.is_met_by_its_ray(id, middle)
+        is_sure || self.is_met_by_its_ray(id, middle, nearer.length() - 2.0)
     }
 
+    /// Whether nothing hides a middle, from a distance on: the ray of the pixel has met nothing before its owner.
     #[cold]
-    fn is_met_by_its_ray(&self, id: u32, middle: DVec3) -> bool {
-        self.vantage.cast(middle).is_some_and(|hit| hit.voxel_id == id)
+    fn is_met_by_its_ray(&self, id: u32, middle: DVec3, from: f64) -> bool {
+        let terrain = self.vantage.terrain;
+        let start = middle * (from / middle.length()).max(0.0);
+        let origin = self.vantage.origin + start * terrain.voxel_size_m();
+        let hit = terrain.raycast(self.vantage.surface, origin, middle, self.vantage.max_range_m);
+        hit.is_some_and(|hit| hit.voxel_id == id)
     }
 }
 
