@@ -372,7 +372,7 @@ impl<'a> Painter<'a> {
     /// pixel by less than the pixel's size, so it is in view when the pixel is free, or when what the pixel shows is
     /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and with its
     /// top no higher above it than half a voxel and half a pixel. Close to the camera that much hides far more, and a
-    /// steep top does not go on as far as its footprint: there the ray itself is cast.
+    /// steep top, here or there, does not go on as far as the footprint: there the ray itself is cast.
     #[inline(always)]
     fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, owner: u32) -> bool {
         let (height, distance) = (-normal.dot(middle), middle.length());
@@ -382,19 +382,32 @@ impl<'a> Painter<'a> {
         if owner == NOBODY {
             return true;
         }
-        let Row { place, below_top, .. } = &self.rows[owner as usize];
-        let nearer = place.as_dvec3();
+        let owner = &self.rows[owner as usize];
+        let nearer = owner.place.as_dvec3();
         let pixel = distance / self.optics.focal_px;
         let footprint = pixel * distance * normal.length() / height;
         let gap = distance - nearer.length();
-        let rise = normal.dot(nearer - middle) + normal.z * f64::from(*below_top);
+        let rise = normal.dot(nearer - middle) + normal.z * f64::from(owner.below_top);
         let most = 0.5 + 0.5 * pixel;
         if gap > 1.5 * footprint + 2.0 || rise > most {
             return false;
         }
         let level_footprint = pixel * distance / (-middle.z).max(0.0);
-        let is_sure = gap <= 1.5 * level_footprint + 2.0 && rise * distance <= most * nearer.length();
+        let is_sure = gap <= 1.5 * level_footprint + 2.0
+            && rise * distance <= most * nearer.length()
+            && (gap <= 2.0 || gap <= 1.5 * self.footprint_on(owner) + 2.0);
         is_sure || self.is_met_by_its_ray(id, middle, nearer.length() - 2.0)
+    }
+
+    /// How far a pixel reaches on the top that it shows, in voxels; 0 on a wall and on a top that is turned away.
+    fn footprint_on(&self, owner: &Row) -> f64 {
+        let place = owner.place.as_dvec3();
+        let normal = self.vantage.plane_of_top(owner.id).normal();
+        let height = -normal.dot(place);
+        if owner.below_top > 0.0 || height <= 0.0 {
+            return 0.0;
+        }
+        place.length_squared() * normal.length() / (self.optics.focal_px * height)
     }
 
     /// Whether nothing hides a middle, from a distance on: the ray of the pixel has met nothing before its owner.
