@@ -20,6 +20,7 @@ from crowdfence import Camera, CrowdMap, View, project
 from crowdfence.config import PaperConfig
 from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Refused
+from crowdfence.service.guard import Rate
 from crowdfence.service.inputs import Inputs
 from crowdfence.service.journal import Record
 from crowdfence.service.live import Live
@@ -357,6 +358,9 @@ def test_a_flood_from_one_drone_stops_only_that_drone(
         assert [answer.status_code for answer in answers] == [202] * 10 + [429] * 2
         assert answers[-1].headers["retry-after"] == "1"
         assert other.status_code == 202
+        told = [one for one in service.alerts.all() if one.kind == "refused_views"]
+        assert [(one.level, one.drone) for one in told] == [("warning", "uav1")]
+        assert told[0].text.startswith("views of uav1 are refused: 10 of them wait to be taken in")
         settle(service)
         assert http.post("/api/v1/views", content=at("uav1", START_NS + 99)).status_code == 202
 
@@ -370,6 +374,37 @@ def test_more_views_a_second_than_agreed_are_told_to_come_again(tmp_path: Path) 
         ]
         assert codes[:4] == [202] * 4 and 429 in codes[4:]
         assert http.post("/api/v1/views", content=at("uav2", START_NS)).status_code == 202
+
+
+def test_whose_views_are_too_many_is_told_until_ten_seconds_without(tmp_path: Path) -> None:
+    """Who does not give them again loses crowd that they show; the clock is that of the views."""
+    slow = replace(SETTINGS, views_per_s=2.0)
+    with running(tmp_path, settings=slow) as service:
+        live = live_of(service)
+
+        def told() -> list[tuple[str | None, bool, bool]]:
+            """Newest first: drone, still active, acknowledged."""
+            found = [one for one in service.alerts.all() if one.kind == "refused_views"]
+            return [(one.drone, one.cleared_ns is None, one.acknowledged_by is not None) for one in found]
+
+        def flood(begin_s: float) -> None:
+            with pytest.raises(Refused, match="more than 2 views a second"):
+                for number in range(20):
+                    live.intake.give_view(at("uav1", START_NS + round((begin_s + number / 100) * SECOND_NS)))
+
+        flood(0.0)
+        assert told() == [("uav1", True, False)]
+        (alert,) = service.alerts.all()
+        assert alert.text.startswith("views of uav1 are refused: it sends more than 2 views a second")
+        service.alerts.acknowledge(alert.id, "ops", 1)
+        flood(1.0)
+        live.finish()
+        assert told() == [("uav1", True, True)], "it goes on"
+        live.intake._gate._rate = Rate(1000.0)
+        for after_s in (9.0, 13.0):
+            live.intake.give_view(at("uav1", START_NS + round(after_s * SECOND_NS)))
+            live.finish()
+            assert told() == [("uav1", after_s < 10.0, True)]
 
 
 def test_a_full_disk_refuses_views_tells_it_and_goes_on_when_there_is_room(tmp_path: Path) -> None:

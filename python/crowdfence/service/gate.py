@@ -63,7 +63,7 @@ class Gate:
         with self._counting:
             self._check_fleet(drone)
             self._check_unit(drone, stamp_ns)
-            self._reserve(drone)
+            self._reserve(drone, stamp_ns)
 
     def leave(self, drone: str) -> None:
         with self._counting:
@@ -145,16 +145,25 @@ class Gate:
                 422, f"{drone} would be drone {len(known) + 1}; this fleet has {self._most_drones} at most"
             )
 
-    def _reserve(self, drone: str) -> None:
+    def _reserve(self, drone: str, stamp_ns: int) -> None:
         wait_s = self._rate.wait_s(drone)
         if wait_s > 0.0:
-            raise Refused(
-                429, f"{drone} sends more than {self._settings.views_per_s:g} views a second", wait_s
-            )
+            most = f"more than {self._settings.views_per_s:g} views a second"
+            self._tell(drone, stamp_ns, f"it sends {most}")
+            raise Refused(429, f"{drone} sends {most}", wait_s)
         waiting = self._on_the_way.get(drone, 0)
         if waiting >= self._settings.waiting_per_drone:
+            self._tell(
+                drone, stamp_ns, f"{waiting} of them wait to be taken in, by a detector or map that is slower"
+            )
             raise Refused(429, f"{waiting} views of {drone} wait to be taken in", 1.0)
         self._on_the_way[drone] = waiting + 1
+
+    def _tell(self, drone: str, stamp_ns: int, why: str) -> None:
+        """Whoever gives a view need not give it again, and what it shows is lost then."""
+        text = f"views of {drone} are refused: {why}; those that are not given again are lost"
+        now_ns = self._clock.now_ns() or stamp_ns
+        self._alerts.raise_("refused_views", "warning", text, now_ns, drone=drone)
 
 
 def _check_name(drone: str) -> None:
