@@ -3,7 +3,7 @@ import { formatLink, parseLink } from "../src/state/deep_link";
 import { notify } from "../src/state/session";
 import { EMPTY_STATE, store, Store } from "../src/state/store";
 import type { Alert, AlertLevel } from "../src/api/contract";
-import { byUrgency, isOpen, marks, withAlert } from "../src/state/alerts";
+import { byUrgency, isOpen, marks, subjectOf, withAlert } from "../src/state/alerts";
 import { pauseOf } from "../src/state/pace";
 import { thinned } from "../src/state/thinning";
 import type { Drone } from "../src/api/contract";
@@ -138,6 +138,14 @@ describe("alerts", () => {
   it("stand in the order in which somebody is needed, and else in their own", () => {
     const told = [alert("news", "info", false, false), alert("seen", "alarm", false, true), alert("near", "warning", false, false), alert("inside", "alarm", true, false)];
     expect(byUrgency(told).map(({ id }) => id)).toEqual(["inside", "near", "news", "seen"]);
+  });
+
+  it("show what they are about: a zone, else a drone, and nothing where nobody read which drone it was", () => {
+    const about = (drone: string | null, zone: string | null) => subjectOf({ ...alert("a", "warning", false, false), drone, zone });
+    expect(about("uav1", "Z1")).toEqual({ kind: "zone", id: "Z1" });
+    expect(about("uav1", null)).toEqual({ kind: "drone", id: "uav1" });
+    expect(about("(unknown)", null)).toBeNull();
+    expect(about(null, null)).toBeNull();
   });
 
   it("leave one mark where many would cover each other: the most urgent", () => {

@@ -1,12 +1,22 @@
 // Which alerts somebody has to look at, and which of their marks fit on a line.
 
 import type { Alert, AlertLevel } from "../api/contract";
+import type { Selection } from "./store";
 
 const URGENCY: Record<AlertLevel, number> = { alarm: 0, warning: 1, info: 2 };
 
 /** An alarm until somebody saw it; a warning no longer than it holds. */
 export function isOpen({ level, acknowledged_by, cleared_ms }: Alert): boolean {
   return acknowledged_by === null && (level === "alarm" || (level === "warning" && cleared_ms === null));
+}
+
+/** What the service calls the drone of views that nobody read (`heard.py`). */
+const UNKNOWN = "(unknown)";
+
+/** What one is about, on the map; null where that is nothing on it. */
+export function subjectOf({ zone, drone }: Alert): Selection {
+  if (zone) return { kind: "zone", id: zone };
+  return drone && drone !== UNKNOWN ? { kind: "drone", id: drone } : null;
 }
 
 /** As many as the service remembers. */

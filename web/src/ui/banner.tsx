@@ -1,6 +1,7 @@
 // What an operator must not overlook, over the map.
 
 import type { Alert } from "../api/contract";
+import { subjectOf } from "../state/alerts";
 import { acknowledge, goLive, select } from "../state/session";
 import { store, useStore } from "../state/store";
 import { behind_s, LATE_S, silence_s } from "../state/time";
@@ -76,13 +77,12 @@ function AlertBanner({ alert, more }: { alert: Alert; more: number }) {
   const scene = useStore((state) => state.scene);
   const clock = useStore((state) => state.clock);
   const operator = mayOperate(scene);
+  const subject = subjectOf(alert);
   return (
     <div class={`banner ${alert.level}`}>
       <Icon name="warning" />
       <span>{withTimes(alert.text, clock, now)}</span>
-      {(alert.zone || alert.drone) && (
-        <button onClick={() => select(alert.zone ? { kind: "zone", id: alert.zone } : { kind: "drone", id: alert.drone! })}>Show</button>
-      )}
+      {subject && <button onClick={() => select(subject)}>Show</button>}
       <button disabled={!operator} title={operator ? "" : "Acknowledging needs the role operator"} onClick={() => acknowledge(alert.id)}>
         Acknowledge
       </button>

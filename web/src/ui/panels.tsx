@@ -3,7 +3,7 @@
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import * as api from "../api/client";
 import type { Alert, AuditEntry } from "../api/contract";
-import { byUrgency, isOpen } from "../state/alerts";
+import { byUrgency, isOpen, subjectOf } from "../state/alerts";
 import { acknowledge, notify, reasonOf, seek, select, settle } from "../state/session";
 import { store, useStore } from "../state/store";
 import { dateOf, dayAndTime, timeOfDay, withTimes } from "../text/stamp";
@@ -76,9 +76,9 @@ function AlertRow({ alert, now }: { alert: Alert; now: number }) {
   const clock = useStore((state) => state.clock);
   const scene = useStore((state) => state.scene);
   const operator = mayOperate(scene);
+  const subject = subjectOf(alert);
   const open = () => {
-    if (alert.zone) select({ kind: "zone", id: alert.zone });
-    else if (alert.drone) select({ kind: "drone", id: alert.drone });
+    select(subject);
     store.set({ panel: null });
   };
   return (
@@ -95,7 +95,7 @@ function AlertRow({ alert, now }: { alert: Alert; now: number }) {
         </small>
       </div>
       <span class="alert-actions">
-        {(alert.zone || alert.drone) && (
+        {subject && (
           <button class="quiet" onClick={open}>
             Show
           </button>
