@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime, timezone
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -104,13 +105,22 @@ def open_grid(
 ) -> SurfaceGrid | None:
     """The map of the run in a folder at its last instant, or at a later stamp, seen from above; None where
     the run did not write its map and terrain. MapFileError for files that do not belong together."""
+    crowd_map = _open_map(run)
+    return None if crowd_map is None else _grid(crowd_map, history, stamp_ns)
+
+
+def _open_map(run: str | PathLike[str]) -> CrowdMap | None:
     from crowdfence.maps import open_terrain
 
     terrain, state = Path(run) / "terrain.bt", Path(run) / "crowd_map.crowdmap"
     if not (terrain.exists() and state.exists()):
         return None
+    return CrowdMap.load(state, open_terrain(terrain))
+
+
+def _grid(crowd_map: CrowdMap, history: ZoneHistory, stamp_ns: int | None) -> SurfaceGrid:
     return SurfaceGrid.from_crowd_map(
-        CrowdMap.load(state, open_terrain(terrain)),
+        crowd_map,
         history.stamps_ns[-1] if stamp_ns is None else stamp_ns,
         threshold=history.sets[-1].threshold,
         stale_after_s=float(history.description.get("stale_after_s", STALE_AFTER_S)),
@@ -118,15 +128,27 @@ def open_grid(
     )
 
 
-def open_states(run: str | PathLike[str], history: ZoneHistory, stamp_ns: int) -> StateRaster | None:
-    """What the map of the run in a folder says of the ground at its last instant, or at a later stamp, by
-    when looks have grown old; None before that, where the run did not write its map, and before such files
-    said where they lie. MapFileError as of `open_grid`."""
-    path = Path(run) / CROWD_MAP
-    if stamp_ns == history.stamps_ns[-1]:
-        return read_states(path) if path.exists() else None
-    grid = open_grid(run, history, stamp_ns) if stamp_ns > history.stamps_ns[-1] else None
-    return None if grid is None else StateRaster.of(grid)
+class StatesOfGround:
+    """What the map of the run in a folder says of the ground at its last instant, and later, by when looks
+    have grown old. The map is read when it is first needed, and then kept."""
+
+    def __init__(self, run: str | PathLike[str], history: ZoneHistory) -> None:
+        self._run, self._history = run, history
+
+    @cached_property
+    def _map(self) -> CrowdMap | None:
+        return _open_map(self._run)
+
+    def at(self, stamp_ns: int) -> StateRaster | None:
+        """None before the last instant, where the run did not write its map, and before such files said where
+        they lie. MapFileError as of `open_grid`."""
+        last_ns = self._history.stamps_ns[-1]
+        if stamp_ns == last_ns:
+            path = Path(self._run) / CROWD_MAP
+            return read_states(path) if path.exists() else None
+        if stamp_ns < last_ns or self._map is None:
+            return None
+        return StateRaster.of(_grid(self._map, self._history, stamp_ns))
 
 
 def description_at(history: ZoneHistory, stamp_ns: int) -> MapDescription:

@@ -5,6 +5,7 @@ import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import shapely
 from PIL import Image
 from typer.testing import CliRunner
 
-from crowdfence import Georeference, SurfaceGrid, Terrain, VoxelState
+from crowdfence import CrowdMap, Georeference, SurfaceGrid, Terrain, VoxelState
 from crowdfence.cli.app import app
 from crowdfence.cli.explain import _until
 from crowdfence.cli.export import ExportFormat
@@ -528,6 +529,57 @@ def test_ground_that_was_seen_empty_is_not_so_for_ever(tmp_path: Path) -> None:
         assert report["not_known_empty_on_arrival_m"] == pytest.approx(aged_m)
         told = "by the arrival 18.0 of 18.0 m lie over ground that is not known to be empty"
         assert (told in " ".join(done.stderr.split())) == (aged_m > 0.0)
+
+
+def way_over_ageing_ground(folder: Path) -> list[str]:
+    """It begins 20 s after the run, whose ground was all seen empty then, and takes 18 s; looks are stale
+    after 30 s."""
+    zones = DrawnZones((20, 10))
+    none, stamp_ns = zones.step(np.zeros((20, 10))), zones.stamp_ns
+    ground = known_ground(zones.terrain)
+    folder.mkdir()
+    ZoneHistory([stamp_ns], [none], None, {"stale_after_s": 30.0}, ground).write(
+        folder / "zone_history.jsonl"
+    )
+    zones.crowd_map.save(folder / "crowd_map.crowdmap")
+    write_terrain_octomap(folder / "terrain.bt", zones.terrain)
+    way = ["route", str(folder), "--local", "--from", "1,5.5", "--to", "19,5.5", "--json"]
+    return [*way, "--at", "+20", "--speed-m-s", "1"]
+
+
+def test_the_map_is_read_once_for_departure_and_arrival(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[object] = []
+
+    class Counted:
+        @staticmethod
+        def load(*what: object) -> CrowdMap:
+            read.append(what)
+            return CrowdMap.load(*what)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("crowdfence.result_folder.CrowdMap", Counted)
+    told = json.loads(command(*way_over_ageing_ground(tmp_path / "run")))
+    assert told["over_m"]["empty"] == told["not_known_empty_on_arrival_m"] == pytest.approx(18.0)
+    assert len(read) == 1
+
+
+def test_a_run_that_is_replaced_while_a_way_is_sought_is_no_mixture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """How old looks are on arrival was read from the other run."""
+    from crowdfence.planner import safe_route
+
+    run = tmp_path / "run"
+
+    def replaced_before(*what: Any, **how: Any) -> Any:
+        run.rename(tmp_path / "old")
+        shutil.copytree(tmp_path / "old", run)
+        return safe_route(*what, **how)
+
+    words = way_over_ageing_ground(run)
+    monkeypatch.setattr("crowdfence.planner.safe_route", replaced_before)
+    assert "was replaced by another run while it was read" in refused(*words)
 
 
 def test_a_way_over_no_empty_ground_cannot_age(run: Path) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from crowdfence.exports.state_raster import StateRaster
     from crowdfence.georeference import Georeference
     from crowdfence.planner import Route
-    from crowdfence.zones.history import ZoneHistory
+    from crowdfence.result_folder import StatesOfGround
 
 _UNKNOWN = {
     "never_seen": "never seen or beyond the map",
@@ -108,11 +108,11 @@ def route(
     from crowdfence.planner.seen_ground import not_known_empty
     from crowdfence.planner.told_in_degrees import at_one_height
     from crowdfence.result_folder import (
+        StatesOfGround,
         files_read_of,
         ground_height_of,
         known_ground_of,
         open_history,
-        open_states,
         read_as_one,
     )
     from crowdfence.static_zones import read_static_zones
@@ -142,35 +142,38 @@ def route(
                 raise ValueError(
                     f"{run} does not say how far its map reaches; --beyond-map plans a way over any ground"
                 )
-            states = open_states(run, history, departure_ns)
-        if known_empty:
-            if beyond_map or ground is None:
-                raise ValueError("--known-empty and --beyond-map contradict each other: nobody looked there")
-            if states is None:
-                raise ValueError(f"--known-empty: {_NO_STATES.format(run=run)}")
-            unknown = not_known_empty(states, ground)
-            zones, passed = (*zones, unknown), (*passed, unknown)
-        try:
-            found = safe_route(
-                begin,
-                end,
-                passed,
-                clearance_m=clearance_m,
-                within=None if beyond_map else ground,
-                departure_ns=None if speed_m_s is None else departure_ns,
-                speed_m_s=speed_m_s,
-                expires=expires,
-            )
-        except NoRoute as reason:
-            console.fail(_worded(str(reason)))
-            raise typer.Exit(GATE_NOT_MET) from None
-        report = {
-            "zones_at": iso_utc(history.stamps_ns[history.index_at(departure_ns)]),
-            "clearance_m": clearance_m,
-            "expires": expires,
-            **_told(found, history.georeference, ground, height_m, states),
-            "not_known_empty_on_arrival_m": _aged_m(run, history, found, states),
-        }
+            of_ground = StatesOfGround(run, history)
+            states = of_ground.at(departure_ns)
+            if known_empty:
+                if beyond_map or ground is None:
+                    raise ValueError(
+                        "--known-empty and --beyond-map contradict each other: nobody looked there"
+                    )
+                if states is None:
+                    raise ValueError(f"--known-empty: {_NO_STATES.format(run=run)}")
+                unknown = not_known_empty(states, ground)
+                zones, passed = (*zones, unknown), (*passed, unknown)
+            try:
+                found = safe_route(
+                    begin,
+                    end,
+                    passed,
+                    clearance_m=clearance_m,
+                    within=None if beyond_map else ground,
+                    departure_ns=None if speed_m_s is None else departure_ns,
+                    speed_m_s=speed_m_s,
+                    expires=expires,
+                )
+            except NoRoute as reason:
+                console.fail(_worded(str(reason)))
+                raise typer.Exit(GATE_NOT_MET) from None
+            report = {
+                "zones_at": iso_utc(history.stamps_ns[history.index_at(departure_ns)]),
+                "clearance_m": clearance_m,
+                "expires": expires,
+                **_told(found, history.georeference, ground, height_m, states),
+                "not_known_empty_on_arrival_m": _aged_m(found, states, of_ground),
+            }
         if output is not None:
             from crowdfence.exports.route_geojson import route_geojson
 
@@ -256,17 +259,15 @@ def _over_unknown(report: dict[str, Any]) -> str:
     )
 
 
-def _aged_m(run: Path, history: ZoneHistory, found: Route, at_departure: StateRaster | None) -> float | None:
+def _aged_m(found: Route, at_departure: StateRaster | None, of_ground: StatesOfGround) -> float | None:
     """How much of a way lies over ground that is not known to be empty by what is known now when it arrives;
     None for a way without times, and where nothing is known."""
-    from crowdfence.result_folder import open_states
-
     if found.stamps_ns is None or at_departure is None:
         return None
     over_m = _over_m(found, at_departure)
     if over_m is not None and over_m["empty"] == 0.0:
         return _unknown_m(over_m)  # nothing can age, and reading the map takes longer than finding the way
-    return _unknown_m(_over_m(found, open_states(run, history, int(found.stamps_ns[-1]))))
+    return _unknown_m(_over_m(found, of_ground.at(int(found.stamps_ns[-1]))))
 
 
 def _over_m(found: Route, states: StateRaster | None) -> dict[str, float] | None:
