@@ -17,6 +17,7 @@ from shapely.geometry import shape
 from crowdfence import CrowdMap, Terrain, VoxelState, _core, open_recording
 from crowdfence.cli.demo import RECORDING, serve_command
 from crowdfence.cli.evaluate import _label, _rates
+from crowdfence.cli.made_by import method_line
 from crowdfence.config import PaperConfig, RunConfig
 from crowdfence.evaluation.cells.rates import Confusion
 from support.command_line import FEW_FILES, crowdfence
@@ -657,3 +658,23 @@ def test_labels_of_close_weights_differ():
     weights = (0.3, 0.30000001, 1.0)
     told = [_label(RunConfig(PaperConfig(alpha=alpha))) for alpha in weights]
     assert told == ["paper, alpha 0.3", "paper, alpha 0.30000001", "paper, alpha 1"]
+
+
+@pytest.mark.parametrize("name", ["alpha", "decay", "true_positive_rate", "false_positive_rate", "prior"])
+def test_what_made_a_run_is_told_with_all_digits_that_matter(name: str) -> None:
+    """Runs of alpha 0.3 and 0.30000001 said the same, and a prior of 0.0004 was 0.000."""
+    paper = {"true_positive_rate": 0.9, "false_positive_rate": 0.02, "prior": 0.5, "fleet_size": 2}
+    paper |= {"alpha": 1.0, "decay": 0.0005, "decay_unit": "second"}
+    line = method_line({"method": "paper", "parameters": paper})
+    assert line == "paper, alpha 1, lambda 0.0005 per second, prior 0.5, TPR 0.9, FPR 0.02, N 2"
+    shown = "0.0004" if name == "prior" else "0.30000001"
+    assert f" {shown}" in method_line({"method": "paper", "parameters": paper | {name: float(shown)}})
+
+
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [("or", "b_threshold"), ("evidence", "memory_s"), ("linear-pool", "alpha"), ("log-odds", "clamp_high")],
+)
+def test_so_is_what_made_a_run_of_other_methods(method: str, name: str) -> None:
+    told = {"b_threshold": 0.5, "memory_s": 5.0, "prior": 0.015, "cleared": 0.001} | {name: 0.30000001}
+    assert " 0.30000001" in method_line({"method": method, "parameters": told})

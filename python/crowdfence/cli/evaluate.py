@@ -11,7 +11,7 @@ import typer
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.detector_choice import chosen_detector
 from crowdfence.cli.exit_codes import GATE_NOT_MET
-from crowdfence.cli.made_by import heatmaps_line
+from crowdfence.cli.made_by import all_digits, heatmaps_line
 from crowdfence.cli.option_sets import (
     DetectorOptions,
     EvidenceOptions,
@@ -554,6 +554,5 @@ _LEGEND = (
 def _label(config: RunConfig) -> str:
     method = config.method
     if isinstance(method, (PaperConfig, LinearPoolConfig, LogPoolConfig)):
-        # All its digits: rows of 0.3 and 0.30000001 are two.
-        return f"{method.name}, alpha {repr(method.alpha).removesuffix('.0')}"
+        return f"{method.name}, alpha {all_digits(method.alpha)}"
     return method.name
