@@ -18,10 +18,15 @@ demo: setup page ## fuse the bundled three-drone recording into out/demo/
 
 test: lint test-rust test-web test-python ## everything CI runs
 
+# Others may use what lies at the other end of a link: it would be emptied, and its core would be the one of this folder.
+OWN_VENV = test ! -L $(VENV) || { echo "$(VENV) is a symbolic link, and what it leads to would be emptied or changed: \
+	  remove the link (rm $(VENV)), and one is made in its place" >&2; exit 1; }
+
 setup: $(VENV)/.built ## virtual environment in .venv with the locked packages and the compiled core
 
 # Debian and Ubuntu ship Python without ensurepip; the package that carries it is installed only if missing.
 $(VENV)/.installed: requirements.txt
+	@$(OWN_VENV)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "crowdfence needs Python >= 3.10; set PYTHON=/path/to/python3"; exit 1; }
 	@command -v cargo >/dev/null || { echo "crowdfence needs a Rust toolchain (cargo); install one with rustup"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
@@ -33,6 +38,7 @@ $(VENV)/.installed: requirements.txt
 	@touch $@
 
 $(VENV)/.built: $(VENV)/.installed $(CORE)
+	@$(OWN_VENV)
 	PIP_QUIET=1 $(BIN)/maturin develop --release --locked --quiet
 	@touch $@
 
@@ -110,6 +116,7 @@ bench-service: setup ## views of 12 and 48 drones into the service, 200 listener
 setup-training: setup $(VENV)/.training
 
 $(VENV)/.training: requirements-train.txt $(VENV)/.installed
+	@$(OWN_VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-train.txt
 	@touch $@
 
