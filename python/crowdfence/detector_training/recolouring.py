@@ -20,6 +20,10 @@ WIDTHS = (0.3, 0.9)
 _STRONGER = 0.7
 """Natural logarithm of how much stronger or paler the colour becomes at most."""
 
+_COLOURLESS = 1e-4
+"""Distance from grey up to which a hue is no more than the rounding of sums, which differs by processor:
+it counts as 0."""
+
 _AXES = torch.tensor([[1.0, 1.0, 1.0], [1.0, -1.0, 0.0], [1.0, 1.0, -2.0]])
 _AXES /= _AXES.norm(dim=1, keepdim=True)
 """Grey, red against green, yellow against blue."""
@@ -34,7 +38,8 @@ def recoloured(image: Tensor, rng: np.random.Generator) -> Tensor:
         return image
     axes = _AXES.to(image.device)
     grey, red_green, yellow_blue = torch.einsum("ij,bjhw->ibhw", axes, image[chosen])
-    hue = torch.atan2(yellow_blue, red_green)
+    has_hue = torch.hypot(yellow_blue, red_green) > _COLOURLESS
+    hue = torch.where(has_hue, torch.atan2(yellow_blue, red_green), 0.0)
     rows, columns = (torch.from_numpy(rng.integers(side, size=len(chosen))) for side in image.shape[2:])
     centre = hue[torch.arange(len(chosen)), rows, columns]
 
