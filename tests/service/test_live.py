@@ -365,6 +365,38 @@ def test_a_flood_from_one_drone_stops_only_that_drone(
         assert http.post("/api/v1/views", content=at("uav1", START_NS + 99)).status_code == 202
 
 
+def test_views_that_nobody_can_use_are_told_to_the_operator(tmp_path: Path) -> None:
+    """They were answered with 422 alone: who gives views and looks at no answer lost them without a word."""
+    with running(tmp_path) as service, asked(service) as http:
+
+        def given(body: bytes, path: str = "views") -> tuple[int, list[tuple[str | None, str]]]:
+            answer = http.post(f"/api/v1/{path}", content=body)
+            told = [one for one in service.alerts.all() if one.kind == "refused_views"]
+            for one in told:
+                service.alerts.clear("refused_views", START_NS + 10**12, drone=one.drone)
+            return answer.status_code, [(one.drone, one.text) for one in told if one.cleared_ns is None]
+
+        def wrong(drone: str) -> bytes:
+            body = json.loads(at(drone, START_NS))
+            body["heatmap"].update(rows=1, columns=1, encoding="u8", data=base64.b64encode(b"ab").decode())
+            return json.dumps(body).encode()
+
+        lost = "cannot be used, and is lost:"
+        size = f"{lost} 1 x 1 values of u8 are 1 bytes, not 2"
+        assert given(wrong("uav9")) == (422, [("(unknown)", f"a view of uav9 {size}")])
+        assert given(at("uav1", START_NS))[0] == 202
+        assert given(wrong("uav1")) == (422, [("uav1", f"a view of uav1 {size}")])
+        code, [(drone, text)] = given(b'{"drone": "uav1"}')
+        assert (code, drone) == (422, "(unknown)")
+        assert text.startswith(f"what was given as a view {lost} stamp_ns: ")
+        code, [(drone, text)] = given(b"no observation", "observations")
+        assert (code, drone) == (422, "(unknown)") and text.startswith(f"what was given as a view {lost}")
+        code, [(drone, text)] = given(at(" uav1", START_NS))
+        assert (code, drone) == (422, "(unknown)") and "begins or ends with a space" in text
+        assert given(at("uav1", START_NS)) == (200, []), "twice is once"
+        assert live_of(service).heard.refused == {"(unknown)": 4, "uav1": 1}
+
+
 def test_more_views_a_second_than_agreed_are_told_to_come_again(tmp_path: Path) -> None:
     slow = replace(SETTINGS, views_per_s=2.0)
     with running(tmp_path, settings=slow) as service, asked(service) as http:

@@ -13,6 +13,7 @@ from crowdfence.legible import unreadable
 from crowdfence.service.alerts import CALM_S, Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.guard import Rate
+from crowdfence.service.heard import UNKNOWN
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.sources.stamp_unit import THIS_CENTURY_S, unit_hint, unit_warning
 
@@ -57,11 +58,13 @@ class Gate:
 
     def enter(self, drone: str, stamp_ns: int) -> None:
         """Refused."""
-        _check_name(drone)
+        if wrong := _wrong_name(drone):
+            self._tell(UNKNOWN, stamp_ns, wrong)
+            raise Refused(422, wrong)
         self._check_stamp(drone, stamp_ns)
         # Together: two newcomers must not both find the last place of the fleet free.
         with self._counting:
-            self._check_fleet(drone)
+            self._check_fleet(drone, stamp_ns)
             self._check_unit(drone, stamp_ns)
             self._reserve(drone, stamp_ns)
 
@@ -138,12 +141,12 @@ class Gate:
         else:
             self._alerts.raise_("clock", "alarm", doubt, now_ns, drone=drone)
 
-    def _check_fleet(self, drone: str) -> None:
+    def _check_fleet(self, drone: str, stamp_ns: int) -> None:
         known = {*self._fleet(), *self._on_the_way}
         if drone not in known and len(known) >= self._most_drones:
-            raise Refused(
-                422, f"{drone} would be drone {len(known) + 1}; this fleet has {self._most_drones} at most"
-            )
+            reason = f"{drone} would be drone {len(known) + 1}; this fleet has {self._most_drones} at most"
+            self._tell(UNKNOWN, stamp_ns, reason)
+            raise Refused(422, reason)
 
     def _reserve(self, drone: str, stamp_ns: int) -> None:
         wait_s = self._rate.wait_s(drone)
@@ -161,24 +164,23 @@ class Gate:
 
     def _tell(self, drone: str, stamp_ns: int, why: str) -> None:
         """Whoever gives a view need not give it again, and what it shows is lost then."""
-        text = f"views of {drone} are refused: {why}; those that are not given again are lost"
+        of = "" if drone == UNKNOWN else f" of {drone}"
+        text = f"views{of} are refused: {why}; those that are not given again are lost"
         now_ns = self._clock.now_ns() or stamp_ns
         self._alerts.raise_("refused_views", "warning", text, now_ns, drone=drone)
 
 
-def _check_name(drone: str) -> None:
+def _wrong_name(drone: str) -> str | None:
     """Names stand in alarms, on the page and in files of other formats: none turns the text behind it round,
     no two look alike for what nobody sees, and none has a step that browsers and proxies take out of the
     addresses of its picture and of what operators do with it."""
     if character := unreadable(drone):
-        raise Refused(
-            422, f"the drone's name has the character {character}, which shows as no text: leave it out"
-        )
+        return f"the drone's name has the character {character}, which shows as no text: leave it out"
     if drone != drone.strip():
-        raise Refused(422, f"the drone's name {drone!r} begins or ends with a space: leave it out")
+        return f"the drone's name {drone!r} begins or ends with a space: leave it out"
     if step := next((part for part in drone.split("/") if part in (".", "..")), None):
-        raise Refused(
-            422,
+        return (
             f"the drone's name {drone!r} has the part {step!r}, which addresses lose, so that nobody could "
-            "see its pictures or leave it out: give it another name",
+            "see its pictures or leave it out: give it another name"
         )
+    return None

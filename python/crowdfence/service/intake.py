@@ -13,8 +13,11 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import ValidationError
 
 from crowdfence._core import Observation
+from crowdfence.legible import legible
+from crowdfence.service.alerts import Alerts
 from crowdfence.service.applying import Applying
 from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Gate, Refused
@@ -26,7 +29,7 @@ from crowdfence.service.operator_zones import OperatorAction
 from crowdfence.service.poses import Poses
 from crowdfence.service.store import Write
 from crowdfence.service.view_lag import ViewLag
-from crowdfence.service.view_message import ViewMessage
+from crowdfence.service.view_message import ViewMessage, first_problem
 
 _DECIDED_WITHIN_S = 10.0
 
@@ -49,21 +52,44 @@ class Intake:
         gate: Gate,
         poses: Poses,
         heard: Heard,
+        alerts: Alerts,
         applying: Applying,
     ) -> None:
         self._mission, self._journal, self._clock, self._gate = mission, journal, clock, gate
-        self._poses, self._heard, self._applying = poses, heard, applying
+        self._poses, self._heard, self._alerts, self._applying = poses, heard, alerts, applying
 
     def give_view(self, raw: bytes, drones: Sequence[str] = ()) -> Accepted:
-        """A view as JSON, from somebody who may give those of `drones` (empty: any). Refused; ValueError for
-        what is no view."""
-        message = ViewMessage.model_validate_json(raw)
-        message.check()
+        """A view as JSON, from somebody who may give those of `drones` (empty: any). Refused."""
+        message = self._checked(raw)
         if message.image is not None and self._mission.heatmaps.kind == "recorded":
-            raise Refused(422, "this service runs no detector (--detector): send heatmaps")
+            raise self._lost(message.drone, 422, "this service runs no detector (--detector): send heatmaps")
         if message.world_from_camera is not None and not self._poses.aligns(message.drone):
             return self._give("view", message.drone, message.stamp_ns, lambda: raw, drones)
         return self._give("view", message.drone, message.stamp_ns, lambda: self._posed(message), drones)
+
+    def _checked(self, raw: bytes) -> ViewMessage:
+        """Refused for what can be no view."""
+        try:
+            message = ViewMessage.model_validate_json(raw)
+        except ValidationError as error:
+            raise self._lost(None, 422, first_problem(error)) from error
+        try:
+            message.check()
+        except ValueError as error:
+            raise self._lost(message.drone, 422, str(error)) from error
+        return message
+
+    def _lost(self, drone: str | None, status: int, reason: str) -> Refused:
+        """Of a view that nobody can use, given again or not. An operator hears of it: who gives it may look
+        at no answer."""
+        known = drone is not None and (drone in self._heard.accepted or drone in self._mission.drones)
+        self._heard.refused[drone if drone is not None and known else UNKNOWN] += 1
+        what = "what was given as a view" if drone is None else f"a view of {drone}"
+        text = legible(f"{what} cannot be used, and is lost: {reason}")
+        self._alerts.raise_(
+            "refused_views", "warning", text, self._clock.now_ns(), drone=drone if known else UNKNOWN
+        )
+        return Refused(status, reason)
 
     def _posed(self, message: ViewMessage) -> bytes:
         """As it is journaled: with its right pose, so that a restart needs no telemetry and no alignment."""
@@ -74,25 +100,26 @@ class Intake:
         return message.posed(pose).model_dump_json().encode()
 
     def give_observation(self, raw: bytes, drones: Sequence[str] = ()) -> Accepted:
-        """The bytes of an observation (`Observation.to_bytes`). Refused; ValueError for what is none."""
-        observation = Observation.from_bytes(raw)
-        ours = self._mission.terrain.fingerprint
+        """The bytes of an observation (`Observation.to_bytes`). Refused."""
+        try:
+            observation = Observation.from_bytes(raw)
+        except ValueError as error:
+            raise self._lost(None, 422, str(error)) from error
+        drone, ours = observation.drone, self._mission.terrain.fingerprint
         if observation.terrain_fingerprint != ours:
-            raise Refused(
-                422, f"the observation is of terrain {observation.terrain_fingerprint:016x}, not {ours:016x}"
-            )
-        if self._poses.aligns(observation.drone):
-            raise Refused(
-                422,
-                f"{observation.drone} projects itself: it must be aligned there, not by --alignment here",
-            )
-        return self._give("observation", observation.drone, observation.stamp_ns, lambda: raw, drones)
+            other = f"{observation.terrain_fingerprint:016x}"
+            raise self._lost(drone, 422, f"the observation is of terrain {other}, not {ours:016x}")
+        if self._poses.aligns(drone):
+            reason = f"{drone} projects itself: it must be aligned there, not by --alignment here"
+            raise self._lost(drone, 422, reason)
+        return self._give("observation", drone, observation.stamp_ns, lambda: raw, drones)
 
     def _give(
         self, kind: RecordKind, drone: str, stamp_ns: int, body: Callable[[], bytes], drones: Sequence[str]
     ) -> Accepted:
         if drones and drone not in drones:
-            raise Refused(403, f"this token gives views of {', '.join(drones)}, not of {drone!r}")
+            mine = ", ".join(drones)
+            raise self._lost(drone, 403, f"this token gives views of {mine}, not of {drone!r}")
         came_ns = self._clock.now_ns()  # it may wait for its pose then
         try:
             self._check_other_kind(kind, drone, stamp_ns)

@@ -59,7 +59,7 @@ class Live:
         self.applying = Applying(
             mission, journal, fleet, media, alerts, clock, settings, gate, self.heard, detector_threads
         )
-        self.intake = Intake(mission, journal, clock, gate, self.poses, self.heard, self.applying)
+        self.intake = Intake(mission, journal, clock, gate, self.poses, self.heard, alerts, self.applying)
         self._ticker = Ticker(mission, journal, clock, settings, self.heard, self.applying)
 
     def _known_drones(self) -> Iterable[str]:

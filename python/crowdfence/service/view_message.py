@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from crowdfence._core import Camera, View
 from crowdfence.sources.recording import Frame, PixelSources
@@ -160,6 +160,13 @@ class ViewMessage(BaseModel):
         pose = self._pose()
         View(self.drone, self.stamp_ns, camera, pose, np.zeros((1, 1), np.uint8))  # refuses a wrong pose now
         return Frame(self.drone, self.stamp_ns, camera, pose, PixelSources(image=lambda: body))
+
+
+def first_problem(error: ValidationError) -> str:
+    """One line: where in a message, and what is wrong there."""
+    problem = error.errors(include_url=False, include_input=False, include_context=False)[0]
+    place = ".".join(str(part) for part in problem["loc"])
+    return f"{place}: {problem['msg']}" if place else problem["msg"]
 
 
 def _encoded(body: bytes) -> str:

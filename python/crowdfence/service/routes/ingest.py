@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, HTTPException, Request
 from fastapi.responses import JSONResponse
-from pydantic import ValidationError
 
 from crowdfence.service.gate import Refused
 from crowdfence.service.intake import Accepted
@@ -73,19 +72,8 @@ def _answered(give: Callable[[], Accepted]) -> JSONResponse:
     except Refused as error:
         headers = {"Retry-After": str(max(1, round(error.again_s)))} if error.again_s else None
         raise HTTPException(error.status, error.reason, headers) from error
-    except ValidationError as error:
-        raise HTTPException(422, _first(error)) from error
-    except ValueError as error:
-        raise HTTPException(422, str(error)) from error
     told = {"accepted": accepted.seq, "duplicate": accepted.duplicate}
     return JSONResponse(told, status_code=200 if accepted.duplicate else 202)
-
-
-def _first(error: ValidationError) -> str:
-    """One line: where, and what is wrong there."""
-    problem = error.errors(include_url=False, include_input=False, include_context=False)[0]
-    place = ".".join(str(part) for part in problem["loc"])
-    return f"{place}: {problem['msg']}" if place else problem["msg"]
 
 
 SCHEMAS = (ViewMessage,)
