@@ -360,7 +360,7 @@ impl<'a> Painter<'a> {
     /// The same by its middle and the pixel over that.
     #[inline(always)]
     fn paint_top(&mut self, id: u32, normal: DVec3, middle: DVec3, column: usize, row: usize) {
-        if self.shows_middle(id, normal, middle, self.canvas.owner(column, row)) {
+        if self.shows_middle(id, normal, middle, column, row) {
             let painted = Painted { sum: f64::from(self.canvas.value(column, row)), count: 0 };
             self.rows.push(Row { id, painted, place: middle.as_vec3(), below_top: 0.0 });
         } else {
@@ -372,15 +372,17 @@ impl<'a> Painter<'a> {
     /// pixel by less than the pixel's size, so it is in view when the pixel is free, or when what the pixel shows is
     /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and with its
     /// top no higher above it than half a voxel and half a pixel. Close to the camera that much hides far more, and a
-    /// steep top, here or there, does not go on as far as the footprint: there the ray itself is cast.
+    /// steep top does not go on as far as its footprint: there the ray itself is cast, and where the model of a lens ends,
+    /// as nothing is ever painted on a pixel whose centre is blind.
     #[inline(always)]
-    fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, owner: u32) -> bool {
+    fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, column: usize, row: usize) -> bool {
         let (height, distance) = (-normal.dot(middle), middle.length());
         if height <= 0.0 {
             return false; // turned away
         }
+        let owner = self.canvas.owner(column, row);
         if owner == NOBODY {
-            return true;
+            return !self.canvas.is_blind(column, row) || self.is_met_by_its_ray(id, middle, 0.0);
         }
         let owner = &self.rows[owner as usize];
         let nearer = owner.place.as_dvec3();

@@ -104,6 +104,11 @@ impl<'a> Canvas<'a> {
         self.not_looked_at.as_ref().is_none_or(|others| !others.contains(column, row))
     }
 
+    /// Whether the lens model gives the centre of a pixel no ray.
+    pub fn is_blind(&self, column: usize, row: usize) -> bool {
+        self.lens.is_some_and(|(_, pixels)| pixels.place(column, row).is_nan())
+    }
+
     pub fn value(&self, column: usize, row: usize) -> f32 {
         self.values[row * self.width + column]
     }

@@ -286,6 +286,28 @@ fn the_foot_of_a_wall_is_not_the_ground_behind_it() {
     }
 }
 
+/// A lens whose model ends inside of the picture, before a wall that fills the picture: some tops behind the wall lie in
+/// the last pixels, whose centres have no ray, so that nothing was ever painted on these.
+#[test]
+fn a_wall_hides_what_lies_behind_it_where_the_lens_model_ends() {
+    let heights: Vec<f32> = (0..64 * 64).map(|cell| if cell % 64 == 20 { 30.5 } else { 0.5 }).collect();
+    let map = HeightMap::new(&heights, [64, 64], 1.0).unwrap();
+    let terrain = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+    for number in 0..24 {
+        let turn = f64::from(number);
+        // r - 0.4 r^3 turns back at r = 0.913, where it is 0.609: pixels further than 27 from the middle are blind.
+        let lens = Distortion::brown_conrady(&[-0.4, 0.0, 0.0, 0.0, 0.0]).unwrap();
+        let rotation = looking(0.02 * turn, 0.3 + 0.02 * turn, 0.1 * turn);
+        let at = DVec3::new(32.3, 18.7, 12.0 + 0.3 * turn);
+        let camera = Camera::new(WIDTH, HEIGHT, 45.0, 45.0, 47.0, 37.0, lens).unwrap();
+        assert!(camera.blind_pixel_count() > 1000);
+        let view = View { camera: Arc::new(camera), ..view(at, rotation, 45.0) };
+        let seen = project(&view, &terrain, &Projection::new(90.0, 0.0, Coverage::Full).unwrap());
+        let behind = seen.voxel_ids().iter().filter(|&&id| terrain.index(id)[1] > 20).count();
+        assert_eq!(behind, 0, "view {number}");
+    }
+}
+
 /// Towers of all heights side by side, some of them with plates that reach over their neighbours, seen from the streets
 /// and from above: most walls are hidden, wholly or from below, and what is not is a single voxel or dozens.
 #[test]
