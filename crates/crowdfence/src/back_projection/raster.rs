@@ -41,12 +41,17 @@ pub(super) fn paint(vantage: &Vantage, lens: Option<&IdealPixels>, between_pixel
     let mut painter = Painter::new(vantage, lens, between_pixels);
     let root = painter.stacks.root();
     painter.walk(&root, &mut Box::default());
+    let hidden = painter.hidden_later();
     let Painter { canvas, rows, mut occluded_ids, .. } = painter;
     let mut order: Vec<(u32, u32)> = rows.iter().map(|row| row.id).zip(0..).collect();
+    for &row in hidden.iter().rev() {
+        occluded_ids.push(rows[row as usize].id);
+        order.swap_remove(row as usize);
+    }
     radsort::sort_by_key(&mut order, |&(id, _)| id);
     radsort::sort(&mut occluded_ids);
     let sightings = order.iter().map(|&(_, row)| rows[row as usize].sighting(vantage));
-    Looked { seen: seen_voxels(sightings, rows.len()), occluded_ids, on_ground: canvas.into_painted() }
+    Looked { seen: seen_voxels(sightings, order.len()), occluded_ids, on_ground: canvas.into_painted() }
 }
 
 /// What has been painted for one voxel.
@@ -70,6 +75,17 @@ impl Row {
     }
 }
 
+/// A top that gained no pixel, while the pixel over its middle was still free.
+struct Early {
+    /// Of its sighting.
+    row: u32,
+    normal: DVec3,
+    /// Relative to the camera.
+    middle: DVec3,
+    /// Column and row.
+    pixel: [usize; 2],
+}
+
 struct Painter<'a> {
     vantage: &'a Vantage<'a>,
     optics: Optics,
@@ -77,6 +93,7 @@ struct Painter<'a> {
     canvas: Canvas<'a>,
     rows: Vec<Row>,
     occluded_ids: Vec<u32>,
+    early: Vec<Early>,
     strokes: Strokes,
     /// Camera, tree coordinates. All other places are relative to it.
     origin: DVec3,
@@ -164,6 +181,7 @@ impl<'a> Painter<'a> {
             canvas: Canvas::new(vantage.view, lens, between_pixels),
             rows: Vec::new(),
             occluded_ids: Vec::new(),
+            early: Vec::new(),
             strokes: Strokes::default(),
             origin,
             range: vantage.max_range_m / terrain.voxel_size_m(),
@@ -360,7 +378,12 @@ impl<'a> Painter<'a> {
     /// The same by its middle and the pixel over that.
     #[inline(always)]
     fn paint_top(&mut self, id: u32, normal: DVec3, middle: DVec3, column: usize, row: usize) {
-        if self.shows_middle(id, normal, middle, column, row) {
+        let is_turned_away = is_turned_away(middle, normal);
+        let owner = self.canvas.owner(column, row);
+        if !is_turned_away && owner == NOBODY {
+            self.early.push(Early { row: self.rows.len() as u32, normal, middle, pixel: [column, row] });
+        }
+        if !is_turned_away && (owner == NOBODY || self.shows_middle(id, normal, middle, owner)) {
             let painted = Painted { sum: f64::from(self.canvas.value(column, row)), count: 0 };
             self.rows.push(Row { id, painted, place: middle.as_vec3(), below_top: 0.0 });
         } else {
@@ -368,22 +391,32 @@ impl<'a> Painter<'a> {
         }
     }
 
-    /// Whether the middle of a top is in view, by who owns the pixel over it. Its own ray passes the centre of that
-    /// pixel by less than the pixel's size, so it is in view when the pixel is free, or when what the pixel shows is
+    /// Tops that were asked for while the pixel over their middle was free, and that what was painted there later hides:
+    /// the ray of its centre passes other columns than that of the middle, and these may come later.
+    fn hidden_later(&self) -> Vec<u32> {
+        let hidden = self.early.iter().filter(|early| !self.shows_early(early));
+        hidden.map(|early| early.row).collect()
+    }
+
+    fn shows_early(&self, Early { row, normal, middle, pixel: [column, line] }: &Early) -> bool {
+        let id = self.rows[*row as usize].id;
+        let owner = self.canvas.owner(*column, *line);
+        if owner == NOBODY {
+            // On a pixel of which the lens model says nothing nothing is ever painted.
+            return !self.canvas.is_blind(*column, *line) || self.is_met_by_its_ray(id, *middle, 0.0);
+        }
+        let is_nearer = self.rows[owner as usize].place.as_dvec3().length_squared() >= middle.length_squared();
+        is_nearer || self.shows_middle(id, *normal, *middle, owner) || self.is_met_by_its_ray(id, *middle)
+    }
+
+    /// Whether the middle of a top that faces the camera is in view, by who owns the pixel over it. Its own ray passes the
+    /// centre of that pixel by less than the pixel's size, so it is in view when what the pixel shows is
     /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and with its
     /// top no higher above it than half a voxel and half a pixel. Close to the camera that much hides far more, and a
-    /// steep top does not go on as far as its footprint: there the ray itself is cast, and where the model of a lens ends,
-    /// as nothing is ever painted on a pixel whose centre is blind.
+    /// steep top does not go on as far as its footprint: there the ray itself is cast.
     #[inline(always)]
-    fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, column: usize, row: usize) -> bool {
+    fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, owner: u32) -> bool {
         let (height, distance) = (-normal.dot(middle), middle.length());
-        if height <= 0.0 {
-            return false; // turned away
-        }
-        let owner = self.canvas.owner(column, row);
-        if owner == NOBODY {
-            return !self.canvas.is_blind(column, row) || self.is_met_by_its_ray(id, middle, 0.0);
-        }
         let owner = &self.rows[owner as usize];
         let nearer = owner.place.as_dvec3();
         let pixel = distance / self.optics.focal_px;

@@ -308,6 +308,25 @@ fn a_wall_hides_what_lies_behind_it_where_the_lens_model_ends() {
     }
 }
 
+/// A wall as high as 20 voxels across a plain, from 9.5 above it and far enough for a pixel to be wider than a voxel. The
+/// shadow reaches from y = 21 to y = 21 + 20 * 11 / 9.5 = 44.2. Straight ahead, the centre of the pixel over a middle may look
+/// along the next row of columns, whose wall comes after the ground of this one.
+#[test]
+fn a_wall_hides_the_ground_straight_behind_it_whichever_row_comes_first() {
+    let heights: Vec<f32> = (0..64 * 64).map(|cell| if cell % 64 == 20 { 20.5 } else { 0.5 }).collect();
+    let map = HeightMap::new(&heights, [64, 64], 1.0).unwrap();
+    let terrain = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+    for number in 0..60 {
+        let turn = f64::from(number);
+        let at = DVec3::new(31.0 + turn / 30.0, 10.0, 30.0);
+        let view = view(at, looking(0.01 * turn, 0.9, 0.03 * turn), 14.0 + 0.3 * turn);
+        let seen = project(&view, &terrain, &Projection::new(90.0, 0.0, Coverage::Full).unwrap());
+        let in_shadow = |&id: &u32| (21..38).contains(&terrain.index(id)[1]);
+        let behind: Vec<u32> = seen.voxel_ids().iter().copied().filter(in_shadow).collect();
+        assert!(behind.is_empty(), "view {number}: {:?}", terrain.indices_of(&behind));
+    }
+}
+
 /// Towers of all heights side by side, some of them with plates that reach over their neighbours, seen from the streets
 /// and from above: most walls are hidden, wholly or from below, and what is not is a single voxel or dozens.
 #[test]
