@@ -405,15 +405,17 @@ impl<'a> Painter<'a> {
             // On a pixel of which the lens model says nothing nothing is ever painted.
             return !self.canvas.is_blind(*column, *line) || self.is_met_by_its_ray(id, *middle, 0.0);
         }
-        let is_nearer = self.rows[owner as usize].place.as_dvec3().length_squared() >= middle.length_squared();
-        is_nearer || self.shows_middle(id, *normal, *middle, owner) || self.is_met_by_its_ray(id, *middle)
+        let distance = self.rows[owner as usize].place.as_dvec3().length();
+        distance >= middle.length()
+            || self.shows_middle(id, *normal, *middle, owner)
+            || self.is_met_by_its_ray(id, *middle, distance - 2.0)
     }
 
     /// Whether the middle of a top that faces the camera is in view, by who owns the pixel over it. Its own ray passes the
     /// centre of that pixel by less than the pixel's size, so it is in view when what the pixel shows is
     /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and with its
-    /// top no higher above it than half a voxel and half a pixel. Close to the camera that much hides far more, and a
-    /// steep top does not go on as far as its footprint: there the ray itself is cast.
+    /// top no higher above it than half a voxel and half a pixel. Close to the camera that much hides far more, a steep top
+    /// does not go on as far as its footprint, and a ramp rises further up to its edge: there the ray itself is cast.
     #[inline(always)]
     fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, owner: u32) -> bool {
         let (height, distance) = (-normal.dot(middle), middle.length());
@@ -428,21 +430,18 @@ impl<'a> Painter<'a> {
             return false;
         }
         let level_footprint = pixel * distance / (-middle.z).max(0.0);
-        let is_sure = gap <= 1.5 * level_footprint + 2.0
-            && rise * distance <= most * nearer.length()
-            && (gap <= 2.0 || gap <= 1.5 * self.footprint_on(owner) + 2.0);
-        is_sure || self.is_met_by_its_ray(id, middle, nearer.length() - 2.0)
-    }
-
-    /// How far a pixel reaches on the top that it shows, in voxels; 0 on a wall and on a top that is turned away.
-    fn footprint_on(&self, owner: &Row) -> f64 {
-        let place = owner.place.as_dvec3();
-        let normal = self.vantage.plane_of_top(owner.id).normal();
-        let height = -normal.dot(place);
-        if owner.below_top > 0.0 || height <= 0.0 {
-            return 0.0;
+        let from = nearer.length() - 2.0;
+        if owner.below_top > 0.0 || gap > 1.5 * level_footprint + 2.0 {
+            return self.is_met_by_its_ray(id, middle, from);
         }
-        place.length_squared() * normal.length() / (self.optics.focal_px * height)
+        let own = self.vantage.plane_of_top(owner.id).normal();
+        // How much higher than its middle the highest corner of what the pixel shows stands over this top.
+        let lean = 0.5 * ((own.x - normal.x).abs() + (own.y - normal.y).abs());
+        let own_footprint =
+            nearer.length_squared() * own.length() / (self.optics.focal_px * -own.dot(nearer));
+        let is_sure =
+            (rise + lean) * distance <= most * nearer.length() && gap <= 1.5 * own_footprint.max(0.0) + 2.0;
+        is_sure || self.is_met_by_its_ray(id, middle, from)
     }
 
     /// Whether nothing hides a middle, from a distance on: the ray of the pixel has met nothing before its owner.

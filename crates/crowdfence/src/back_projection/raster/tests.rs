@@ -327,6 +327,29 @@ fn a_wall_hides_the_ground_straight_behind_it_whichever_row_comes_first() {
     }
 }
 
+/// A row of columns like a kerb on a plain at z = 0.5: 0.9 high in the middle, rising by 1.5 a voxel away from the camera, so
+/// that its edge at y = 21 is 1.65 high. From (y, z) = (0, 6), the line over that edge falls by 4.35 in 21: it is at 1.13 over
+/// the middle of y = 23, more than half a voxel above the plain.
+#[test]
+fn a_ramp_hides_by_its_edge_what_lies_behind_it() {
+    let voxels: Vec<[i32; 3]> = (0..64 * 64).map(|cell| [cell / 64, cell % 64, 0]).collect();
+    let terrain = Terrain::from_indices(&voxels, 1.0, DVec3::ZERO).unwrap();
+    let terrain = terrain.with_planes(|[_, y, _]| match y {
+        20 => Plane::new(0.9, [0.0, 1.5]),
+        _ => Plane::new(0.5, [0.0, 0.0]),
+    });
+    for number in 0..8 {
+        let rotation = looking(0.05 * f64::from(number), 0.25, 0.02 * f64::from(number));
+        let view = view(DVec3::new(24.3, 0.0, 6.0), rotation, 100.0);
+        let seen = project(&view, &terrain, &Projection::new(90.0, 0.0, Coverage::Full).unwrap());
+        let count = |rows: std::ops::Range<i32>| {
+            seen.voxel_ids().iter().filter(|&&id| rows.contains(&terrain.index(id)[1])).count()
+        };
+        assert_eq!(count(21..24), 0, "view {number}");
+        assert!(count(20..21) > 10 && count(28..64) > 100);
+    }
+}
+
 /// Towers of all heights side by side, some of them with plates that reach over their neighbours, seen from the streets
 /// and from above: most walls are hidden, wholly or from below, and what is not is a single voxel or dozens.
 #[test]
