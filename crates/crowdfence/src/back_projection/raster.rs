@@ -54,6 +54,9 @@ pub(super) fn paint(vantage: &Vantage, lens: Option<&IdealPixels>, between_pixel
     Looked { seen: seen_voxels(sightings, order.len()), occluded_ids, on_ground: canvas.into_painted() }
 }
 
+/// Ground no further before a top than this, in voxels, has nothing between it and that.
+const NEXT: f64 = 1.5;
+
 /// What has been painted for one voxel.
 struct Row {
     id: u32,
@@ -383,7 +386,7 @@ impl<'a> Painter<'a> {
         if !is_turned_away && owner == NOBODY {
             self.early.push(Early { row: self.rows.len() as u32, normal, middle, pixel: [column, row] });
         }
-        if !is_turned_away && (owner == NOBODY || self.shows_middle(id, normal, middle, owner)) {
+        if !is_turned_away && (owner == NOBODY || self.shows_middle(id, normal, middle, [column, row])) {
             let painted = Painted { sum: f64::from(self.canvas.value(column, row)), count: 0 };
             self.rows.push(Row { id, painted, place: middle.as_vec3(), below_top: 0.0 });
         } else {
@@ -407,19 +410,20 @@ impl<'a> Painter<'a> {
         }
         let distance = self.rows[owner as usize].place.as_dvec3().length();
         distance >= middle.length()
-            || self.shows_middle(id, *normal, *middle, owner)
+            || self.shows_middle(id, *normal, *middle, [*column, *line])
             || self.is_met_by_its_ray(id, *middle, distance - 2.0)
     }
 
     /// Whether the middle of a top that faces the camera is in view, by who owns the pixel over it. Its own ray passes the
-    /// centre of that pixel by less than the pixel's size, so it is in view when what the pixel shows is
-    /// the same ground a little nearer: no further than the pixel's own footprint on the ground reaches, and with its
-    /// top no higher above it than half a voxel and half a pixel. Close to the camera that much hides far more, a steep top
-    /// does not go on as far as its footprint, and a ramp rises further up to its edge: there the ray itself is cast.
+    /// centre of that pixel by less than the pixel's size, so it is in view when what the pixel shows is the same ground a
+    /// little nearer: no further than the pixel's own footprint on the ground reaches, and with its top no higher above it
+    /// than half a voxel and half a pixel. Close to the camera that much hides far more, a steep top, here or there, does not
+    /// go on as far as the footprint, a ramp rises further up to its edge, and on a long footprint a wall may stand, which the
+    /// next pixel shows: there the ray itself is cast.
     #[inline(always)]
-    fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, owner: u32) -> bool {
+    fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, pixel_over: [usize; 2]) -> bool {
         let (height, distance) = (-normal.dot(middle), middle.length());
-        let owner = &self.rows[owner as usize];
+        let owner = &self.rows[self.canvas.owner(pixel_over[0], pixel_over[1]) as usize];
         let nearer = owner.place.as_dvec3();
         let pixel = distance / self.optics.focal_px;
         let footprint = pixel * distance * normal.length() / height;
@@ -439,9 +443,27 @@ impl<'a> Painter<'a> {
         let lean = 0.5 * ((own.x - normal.x).abs() + (own.y - normal.y).abs());
         let own_footprint =
             nearer.length_squared() * own.length() / (self.optics.focal_px * -own.dot(nearer));
-        let is_sure =
-            (rise + lean) * distance <= most * nearer.length() && gap <= 1.5 * own_footprint.max(0.0) + 2.0;
+        let is_sure = (rise + lean) * distance <= most * nearer.length()
+            && gap <= 1.5 * own_footprint.max(0.0) + 2.0
+            && (gap <= NEXT || !self.stands_before(normal, middle, most, pixel_over));
         is_sure || self.is_met_by_its_ray(id, middle, from)
+    }
+
+    /// Whether a pixel beside one shows what is nearer than a middle and stands higher than `most` above its plane, or
+    /// nobody knows what it shows.
+    #[inline(always)]
+    fn stands_before(&self, normal: DVec3, middle: DVec3, most: f64, pixel: [usize; 2]) -> bool {
+        [[1, 0], [-1, 0], [0, 1], [0, -1]].into_iter().any(|step| {
+            let Some((column, row)) = self.canvas.beside(pixel, step) else { return true };
+            let owner = self.canvas.owner(column, row);
+            if owner == NOBODY {
+                return !self.canvas.is_looked_at(column, row) || self.canvas.is_blind(column, row);
+            }
+            let Row { place, below_top, .. } = &self.rows[owner as usize];
+            let nearer = place.as_dvec3();
+            let rise = normal.dot(nearer - middle) + normal.z * f64::from(*below_top);
+            rise > most && nearer.length_squared() < middle.length_squared()
+        })
     }
 
     /// Whether nothing hides a middle, from a distance on: the ray of the pixel has met nothing before its owner.

@@ -117,6 +117,13 @@ impl<'a> Canvas<'a> {
         self.owner[row * self.width + column]
     }
 
+    /// Column and row of the pixel one step aside; None outside of the picture.
+    #[inline(always)]
+    pub fn beside(&self, [column, row]: [usize; 2], [right, down]: [isize; 2]) -> Option<(usize, usize)> {
+        let (column, row) = (column.checked_add_signed(right)?, row.checked_add_signed(down)?);
+        (column < self.width && row < self.height).then_some((column, row))
+    }
+
     /// The pixels painted on.
     pub fn into_painted(mut self) -> PixelSet {
         if let Some(others) = &self.not_looked_at {

@@ -350,6 +350,23 @@ fn a_ramp_hides_by_its_edge_what_lies_behind_it() {
     }
 }
 
+/// A wall 3 voxels high across a plain, from 1.2 voxels above it and 48 away, where a pixel is 0.8 voxels high and shows 32 of
+/// the plain: half of the pixel at its foot may show the ground before it, and the other half is in front of that behind.
+#[test]
+fn a_wall_within_the_footprint_of_a_pixel_hides_what_lies_behind_it() {
+    let heights: Vec<f32> = (0..64 * 64).map(|cell| if cell % 64 == 48 { 3.5 } else { 0.5 }).collect();
+    let map = HeightMap::new(&heights, [64, 64], 1.0).unwrap();
+    let terrain = Terrain::from_height_map(&map, 1.0, DVec3::ZERO).unwrap();
+    for number in 0..40 {
+        let turn = f64::from(number);
+        let view = view(DVec3::new(32.3, 0.2, 1.7), looking(0.0, 0.02 + 0.001 * turn, 0.0), 60.0);
+        let seen = project(&view, &terrain, &Projection::new(90.0, 0.0, Coverage::Full).unwrap());
+        let behind = seen.voxel_ids().iter().filter(|&&id| terrain.index(id)[1] > 48).count();
+        assert_eq!(behind, 0, "view {number}");
+        assert!(seen.voxel_ids().len() > 200);
+    }
+}
+
 /// Towers of all heights side by side, some of them with plates that reach over their neighbours, seen from the streets
 /// and from above: most walls are hidden, wholly or from below, and what is not is a single voxel or dozens.
 #[test]
