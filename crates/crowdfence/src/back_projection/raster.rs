@@ -3,12 +3,12 @@
 //! Seen from above, the grid is walked outward from the camera, tile by tile and column by column. A line of sight
 //! moves away from the camera along both axes, so whatever hides a column stands in a column painted before; within
 //! one, solids are painted from the camera's height upwards and downwards. A mask keeps the pixels that are taken.
-//! The sum and the number of the pixels that a voxel gains are all that an observation needs: no rays are cast, and
-//! no list of hits is sorted. What stands on a column is painted as polygons: its part of smooth ground ([`ground`]), the
+//! The sum and the number of the pixels that a voxel gains are all that an observation needs: no ray of a pixel is cast,
+//! and no list of hits is sorted. What stands on a column is painted as polygons: its part of smooth ground ([`ground`]), the
 //! hulls of its voxels ([`hull`]), or where it is close to the camera the faces that are turned to it ([`faces`]).
 //!
-//! A voxel whose top gains no pixel, as the pixels around step over it, is asked for its middle, see
-//! [`Painter::shows_middle`].
+//! A voxel whose top gains no pixel, as the pixels around step over it, is asked for its middle by what the pixel over it
+//! shows, and by its own ray where that says too little, see [`Painter::shows_middle`].
 
 mod canvas;
 mod faces;
