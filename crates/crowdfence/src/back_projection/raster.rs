@@ -57,6 +57,9 @@ pub(super) fn paint(vantage: &Vantage, lens: Option<&IdealPixels>, between_pixel
 /// Ground no further before a top than this, in voxels, has nothing between it and that.
 const NEXT: f64 = 1.5;
 
+/// Steps to the pixels that show what may stand before a top: a wall, the next ones; a slope that rises slowly, the others.
+const AROUND: [[isize; 2]; 8] = [[1, 0], [-1, 0], [0, 1], [0, -1], [4, 0], [-4, 0], [0, 4], [0, -4]];
+
 /// What has been painted for one voxel.
 struct Row {
     id: u32,
@@ -445,24 +448,28 @@ impl<'a> Painter<'a> {
             nearer.length_squared() * own.length() / (self.optics.focal_px * -own.dot(nearer));
         let is_sure = (rise + lean) * distance <= most * nearer.length()
             && gap <= 1.5 * own_footprint.max(0.0) + 2.0
-            && (gap <= NEXT || !self.stands_before(normal, middle, most, pixel_over));
+            && (gap <= NEXT || !self.stands_before(middle, most, pixel_over));
         is_sure || self.is_met_by_its_ray(id, middle, from)
     }
 
-    /// Whether a pixel beside one shows what is nearer than a middle and stands higher than `most` above its plane, or
-    /// nobody knows what it shows.
+    /// Whether a pixel around one shows what is nearer than a middle and stands so high above the line to it that more than
+    /// `most` of what is there is hidden, or nobody knows what it shows.
     #[inline(always)]
-    fn stands_before(&self, normal: DVec3, middle: DVec3, most: f64, pixel: [usize; 2]) -> bool {
-        [[1, 0], [-1, 0], [0, 1], [0, -1]].into_iter().any(|step| {
+    fn stands_before(&self, middle: DVec3, most: f64, pixel: [usize; 2]) -> bool {
+        let distance = middle.length();
+        AROUND.into_iter().any(|step| {
             let Some((column, row)) = self.canvas.beside(pixel, step) else { return true };
             let owner = self.canvas.owner(column, row);
             if owner == NOBODY {
                 return !self.canvas.is_looked_at(column, row) || self.canvas.is_blind(column, row);
             }
             let Row { place, below_top, .. } = &self.rows[owner as usize];
-            let nearer = place.as_dvec3();
-            let rise = normal.dot(nearer - middle) + normal.z * f64::from(*below_top);
-            rise > most && nearer.length_squared() < middle.length_squared()
+            let top = f64::from(place.z) + f64::from(*below_top);
+            if top < middle.z + 1e-4 && middle.z < 0.0 {
+                return false; // as low, and nearer to a camera above both: level ground is done with
+            }
+            let nearer = place.as_dvec3().length();
+            nearer < distance && top * distance - middle.z * nearer > most * nearer
         })
     }
 

@@ -117,7 +117,7 @@ impl<'a> Canvas<'a> {
         self.owner[row * self.width + column]
     }
 
-    /// Column and row of the pixel one step aside; None outside of the picture.
+    /// Column and row of the pixel so many columns and rows away; None outside of the picture.
     #[inline(always)]
     pub fn beside(&self, [column, row]: [usize; 2], [right, down]: [isize; 2]) -> Option<(usize, usize)> {
         let (column, row) = (column.checked_add_signed(right)?, row.checked_add_signed(down)?);
