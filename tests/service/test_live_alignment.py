@@ -85,7 +85,7 @@ def test_what_cannot_be_put_right_is_refused(tmp_path: Path) -> None:
         with pytest.raises(Refused, match="uav2 projects itself"):
             service.live.intake.give_observation(seen.to_bytes())
         service.live.intake.give_view(message(view("uav3", 0)))
-        assert service.live.heard.refused == {"(unknown)": 1} and service.live.heard.accepted == {"uav3": 1}
+        assert service.live.heard.refused == {"(unknown)": 2} and service.live.heard.accepted == {"uav3": 1}
 
 
 def test_a_drone_that_is_aligned_and_never_comes_is_told_once_the_fleet_is_there(tmp_path: Path) -> None:
