@@ -38,12 +38,14 @@ class Mission(NamedTuple):
 
 
 def seen(path: Path) -> Mission:
-    """By the shipped detector; kept beside the mission, so that a second reading takes seconds."""
+    """By the shipped detector; kept beside the mission, so that a second reading takes seconds, until the core or
+    the mission is made anew."""
     recording = cf.open_recording(path)
     terrain = cf.open_terrain(recording)
     detector = cf.Detector()
     kept = path.with_suffix(".seen")
-    if kept.exists():
+    made_ns = max(Path(one).stat().st_mtime_ns for one in (cf._core.__file__, path))
+    if kept.exists() and kept.stat().st_mtime_ns > made_ns:
         moments = pickle.loads(kept.read_bytes())
     else:
         heatmaps = heatmap_source(detector, terrain, ProjectionConfig().max_range_m)
