@@ -38,8 +38,8 @@ class Mission(NamedTuple):
 
 
 def seen(path: Path) -> Mission:
-    """By the shipped detector; kept beside the mission, so that a second reading takes seconds, until the core or
-    the mission is made anew."""
+    """By the shipped detector. Kept beside the mission, so that a second reading takes seconds, until core or
+    mission are made anew."""
     recording = cf.open_recording(path)
     terrain = cf.open_terrain(recording)
     detector = cf.Detector()
