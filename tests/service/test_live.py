@@ -384,6 +384,9 @@ def test_views_that_nobody_can_use_are_told_to_the_operator(tmp_path: Path) -> N
         lost = "cannot be used, and is lost:"
         size = f"{lost} 1 x 1 values of u8 are 1 bytes, not 2"
         assert given(wrong("uav9")) == (422, [("(unknown)", f"a view of uav9 {size}")])
+        assert service.alerts.all()[0].raised_ns == START_NS, (
+            "the clock is that of the views, and tells no time yet"
+        )
         assert given(at("uav1", START_NS))[0] == 202
         assert given(wrong("uav1")) == (422, [("uav1", f"a view of uav1 {size}")])
         code, [(drone, text)] = given(b'{"drone": "uav1"}')

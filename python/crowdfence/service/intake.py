@@ -62,7 +62,8 @@ class Intake:
         """A view as JSON, from somebody who may give those of `drones` (empty: any). Refused."""
         message = self._checked(raw)
         if message.image is not None and self._mission.heatmaps.kind == "recorded":
-            raise self._lost(message.drone, 422, "this service runs no detector (--detector): send heatmaps")
+            reason = "this service runs no detector (--detector): send heatmaps"
+            raise self._lost(422, reason, message.drone, message.stamp_ns)
         if message.world_from_camera is not None and not self._poses.aligns(message.drone):
             return self._give("view", message.drone, message.stamp_ns, lambda: raw, drones)
         return self._give("view", message.drone, message.stamp_ns, lambda: self._posed(message), drones)
@@ -72,23 +73,22 @@ class Intake:
         try:
             message = ViewMessage.model_validate_json(raw)
         except ValidationError as error:
-            raise self._lost(None, 422, first_problem(error)) from error
+            raise self._lost(422, first_problem(error)) from error
         try:
             message.check()
         except ValueError as error:
-            raise self._lost(message.drone, 422, str(error)) from error
+            raise self._lost(422, str(error), message.drone, message.stamp_ns) from error
         return message
 
-    def _lost(self, drone: str | None, status: int, reason: str) -> Refused:
-        """Of a view that nobody can use, given again or not. An operator hears of it: who gives it may look
-        at no answer."""
-        known = drone is not None and (drone in self._heard.accepted or drone in self._mission.drones)
-        self._heard.refused[drone if drone is not None and known else UNKNOWN] += 1
-        what = "what was given as a view" if drone is None else f"a view of {drone}"
+    def _lost(self, status: int, reason: str, drone: str = "", stamp_ns: int = 0) -> Refused:
+        """Of a view that nobody can use, given again or not; without a drone where nobody could read whose it
+        is. An operator hears of it: who gives it may look at no answer."""
+        name = drone if drone in self._heard.accepted or drone in self._mission.drones else UNKNOWN
+        self._heard.refused[name] += 1
+        what = f"a view of {drone}" if drone else "what was given as a view"
         text = legible(f"{what} cannot be used, and is lost: {reason}")
-        self._alerts.raise_(
-            "refused_views", "warning", text, self._clock.now_ns(), drone=drone if known else UNKNOWN
-        )
+        now_ns = self._clock.now_ns() or stamp_ns
+        self._alerts.raise_("refused_views", "warning", text, now_ns, drone=name)
         return Refused(status, reason)
 
     def _posed(self, message: ViewMessage) -> bytes:
@@ -104,22 +104,24 @@ class Intake:
         try:
             observation = Observation.from_bytes(raw)
         except ValueError as error:
-            raise self._lost(None, 422, str(error)) from error
-        drone, ours = observation.drone, self._mission.terrain.fingerprint
+            raise self._lost(422, str(error)) from error
+        drone, stamp_ns, ours = observation.drone, observation.stamp_ns, self._mission.terrain.fingerprint
         if observation.terrain_fingerprint != ours:
             other = f"{observation.terrain_fingerprint:016x}"
-            raise self._lost(drone, 422, f"the observation is of terrain {other}, not {ours:016x}")
+            reason = f"the observation is of terrain {other}, not {ours:016x}"
+            raise self._lost(422, reason, drone, stamp_ns)
         if self._poses.aligns(drone):
             reason = f"{drone} projects itself: it must be aligned there, not by --alignment here"
-            raise self._lost(drone, 422, reason)
-        return self._give("observation", drone, observation.stamp_ns, lambda: raw, drones)
+            raise self._lost(422, reason, drone, stamp_ns)
+        return self._give("observation", drone, stamp_ns, lambda: raw, drones)
 
     def _give(
         self, kind: RecordKind, drone: str, stamp_ns: int, body: Callable[[], bytes], drones: Sequence[str]
     ) -> Accepted:
         if drones and drone not in drones:
             mine = ", ".join(drones)
-            raise self._lost(drone, 403, f"this token gives views of {mine}, not of {drone!r}")
+            reason = f"this token gives views of {mine}, not of {drone!r}"
+            raise self._lost(403, reason, drone, stamp_ns)
         came_ns = self._clock.now_ns()  # it may wait for its pose then
         try:
             self._check_other_kind(kind, drone, stamp_ns)
