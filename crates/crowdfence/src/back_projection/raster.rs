@@ -8,7 +8,7 @@
 //! hulls of its voxels ([`hull`]), or where it is close to the camera the faces that are turned to it ([`faces`]).
 //!
 //! A voxel whose top gains no pixel, as the pixels around step over it, is asked for its middle by what the pixel over it
-//! shows, and by its own ray where that says too little, see [`Painter::shows_middle`].
+//! shows, and by its own ray where that says too little, see [`Painter::pixel_shows`].
 
 mod canvas;
 mod faces;
@@ -413,8 +413,16 @@ impl<'a> Painter<'a> {
         }
         let distance = self.rows[owner as usize].place.as_dvec3().length();
         distance >= middle.length()
-            || self.shows_middle(id, *normal, *middle, [*column, *line])
+            || self.pixel_shows(*normal, *middle, [*column, *line]) == Some(true)
             || self.is_met_by_its_ray(id, *middle, distance - 2.0)
+    }
+
+    #[inline(always)]
+    fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, pixel_over: [usize; 2]) -> bool {
+        self.pixel_shows(normal, middle, pixel_over).unwrap_or_else(|| {
+            let owner = &self.rows[self.canvas.owner(pixel_over[0], pixel_over[1]) as usize];
+            self.is_met_by_its_ray(id, middle, owner.place.as_dvec3().length() - 2.0)
+        })
     }
 
     /// Whether the middle of a top that faces the camera is in view, by who owns the pixel over it. Its own ray passes the
@@ -422,9 +430,9 @@ impl<'a> Painter<'a> {
     /// little nearer: no further than the pixel's own footprint on the ground reaches, and with its top no higher above it
     /// than half a voxel and half a pixel. Close to the camera that much hides far more, a steep top, here or there, does not
     /// go on as far as the footprint, a ramp rises further up to its edge, and on a long footprint a wall may stand, which the
-    /// next pixel shows: there the ray itself is cast.
+    /// next pixel shows: None there, and the ray itself is to be cast.
     #[inline(always)]
-    fn shows_middle(&self, id: u32, normal: DVec3, middle: DVec3, pixel_over: [usize; 2]) -> bool {
+    fn pixel_shows(&self, normal: DVec3, middle: DVec3, pixel_over: [usize; 2]) -> Option<bool> {
         let (height, distance) = (-normal.dot(middle), middle.length());
         let owner = &self.rows[self.canvas.owner(pixel_over[0], pixel_over[1]) as usize];
         let nearer = owner.place.as_dvec3();
@@ -434,12 +442,11 @@ impl<'a> Painter<'a> {
         let rise = normal.dot(nearer - middle) + normal.z * f64::from(owner.below_top);
         let most = 0.5 + 0.5 * pixel;
         if gap > 1.5 * footprint + 2.0 || rise > most {
-            return false;
+            return Some(false);
         }
         let level_footprint = pixel * distance / (-middle.z).max(0.0);
-        let from = nearer.length() - 2.0;
         if owner.below_top > 0.0 || gap > 1.5 * level_footprint + 2.0 {
-            return self.is_met_by_its_ray(id, middle, from);
+            return None;
         }
         let own = self.vantage.plane_of_top(owner.id).normal();
         // How much higher than its middle the highest corner of what the pixel shows stands over this top.
@@ -449,7 +456,7 @@ impl<'a> Painter<'a> {
         let is_sure = (rise + lean) * distance <= most * nearer.length()
             && gap <= 1.5 * own_footprint.max(0.0) + 2.0
             && (gap <= NEXT || !self.stands_before(middle, most, pixel_over));
-        is_sure || self.is_met_by_its_ray(id, middle, from)
+        is_sure.then_some(true)
     }
 
     /// Whether a pixel around one shows what is nearer than a middle and stands so high above the line to it that more than
