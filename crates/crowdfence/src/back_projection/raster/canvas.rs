@@ -124,6 +124,14 @@ impl<'a> Canvas<'a> {
         (column < self.width && row < self.height).then_some((column, row))
     }
 
+    /// Whether all pixels up to so many columns and rows away are in the picture and would show what is there.
+    #[inline(always)]
+    pub fn is_shown_around(&self, [column, row]: [usize; 2], away: usize) -> bool {
+        let is_inside = |at: usize, count: usize| at >= away && at + away < count;
+        let is_whole = self.not_looked_at.is_none() && self.lens.is_none();
+        is_whole && is_inside(column, self.width) && is_inside(row, self.height)
+    }
+
     /// The pixels painted on.
     pub fn into_painted(mut self) -> PixelSet {
         if let Some(others) = &self.not_looked_at {

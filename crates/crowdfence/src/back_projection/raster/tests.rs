@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec2};
 
+use super::canvas::NOBODY;
 use super::*;
 use crate::back_projection::{Coverage, Projection, project, project_by_rays};
 use crate::camera::{Camera, Distortion};
