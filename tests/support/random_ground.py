@@ -1,7 +1,8 @@
-"""Small pieces of ground with walls, pits and holes, cameras at random places over them, and lines of sight
-over their heights written plainly: nothing is shared with the core."""
+"""Small pieces of ground with walls, pits, holes and roofs, cameras at random places over them, and lines of
+sight over their heights written plainly: nothing is shared with the core."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,25 @@ TILTS_DEG = (3.0, 10.0, 25.0, 45.0, 70.0, 89.0)
 SIZES = ((64, 48), (96, 72), (160, 90))
 
 
+THICK = 3
+"""Voxels of a roof from its underside up: the surface lies anywhere in the lowest and uppermost."""
+
+
+class Roof(NamedTuple):
+    """Over a rectangle of columns, with air below."""
+
+    columns: tuple[slice, slice]
+    floor: int
+    """Its lowest voxel above 0."""
+
+
 @dataclass(frozen=True, slots=True)
 class RandomGround:
     """Heights [N, N] above 0, NaN = hole, of columns of one voxel side each."""
 
     heights_m: Array
     voxel_size_m: float
+    roofs: tuple[Roof, ...] = ()
 
     @staticmethod
     def of(rng: np.random.Generator) -> "RandomGround":
@@ -35,21 +49,53 @@ class RandomGround:
             heights_m[_rectangle(rng, side)] = np.nan
         return RandomGround(heights_m, size_m)
 
+    def with_roofs(self, rng: np.random.Generator) -> "RandomGround":
+        """The same with up to four of them, each clear of the ground below by two to six voxels."""
+        roofs = []
+        for _ in range(rng.integers(1, 5)):
+            columns = _rectangle(rng, len(self.heights_m), least=3, most=9)
+            below = self.heights_m[columns]
+            if not np.isnan(below).all():
+                highest = int(np.nanmax(below) // self.voxel_size_m)
+                roofs.append(Roof(columns, highest + int(rng.integers(3, 8))))
+        return replace(self, roofs=tuple(roofs))
+
     def terrain(self) -> Terrain:
-        return Terrain.from_height_map(self.heights_m, self.voxel_size_m)
+        terrain = Terrain.from_height_map(self.heights_m, self.voxel_size_m)
+        for (i, j), floor in self.roofs:
+            voxels = np.mgrid[i, j, floor : floor + THICK].reshape(3, -1).T
+            terrain = terrain.joined(Terrain.from_indices(voxels, self.voxel_size_m, terrain.origin))
+        return terrain
 
     def height_m(self, x: Array, y: Array) -> Array:
         """Of the columns at places of any shape; -inf over holes and beside the ground."""
-        side = len(self.heights_m)
-        i, j = (np.floor(along / self.voxel_size_m).astype(np.int64) for along in (x, y))
-        inside = (i >= 0) & (i < side) & (j >= 0) & (j < side)
-        found = self.heights_m[np.clip(i, 0, side - 1), np.clip(j, 0, side - 1)]
-        return np.where(inside & ~np.isnan(found), found, -np.inf)
+        return self._of_columns(np.where(np.isnan(self.heights_m), -np.inf, self.heights_m), x, y)
 
     def lowest_around_m(self, x: Array, y: Array) -> Array:
         """The least of a column and its eight neighbours."""
-        steps = (-self.voxel_size_m, 0.0, self.voxel_size_m)
-        return np.min([self.height_m(x + across, y + along) for across in steps for along in steps], axis=0)
+        heights_m = np.where(np.isnan(self.heights_m), -np.inf, self.heights_m)
+        around = np.lib.stride_tricks.sliding_window_view(
+            np.pad(heights_m, 1, constant_values=-np.inf), (3, 3)
+        )
+        return self._of_columns(around.min(axis=(2, 3)), x, y)
+
+    def _of_columns(self, values: Array, x: Array, y: Array) -> Array:
+        i, j = (np.floor(along / self.voxel_size_m).astype(np.int64) for along in (x, y))
+        side = len(values)
+        inside = (i >= 0) & (i < side) & (j >= 0) & (j < side)
+        return np.where(inside, values[np.clip(i, 0, side - 1), np.clip(j, 0, side - 1)], -np.inf)
+
+    def surely_hides(self, x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
+        """Whether places lie in the ground or in a roof, by a margin: the ground counts at the lowest height
+        of a column and its neighbours, a third of a voxel deeper, of a roof the middle layer but its border.
+        """
+        size_m = self.voxel_size_m
+        hidden = z < self.lowest_around_m(x, y) - 0.35 * size_m
+        i, j, k = (np.floor(along / size_m).astype(np.int64) for along in (x, y, z))
+        for (across, along), floor in self.roofs:
+            inside = (across.start < i) & (i < across.stop - 1) & (along.start < j) & (j < along.stop - 1)
+            hidden |= inside & (k == floor + THICK // 2)
+        return hidden
 
     def first_column(self, eye: Array, direction: Array, max_range_m: float) -> tuple[int, int] | None:
         """Where a unit ray first gets below the heights, marched in steps of a twentieth of a voxel."""
@@ -76,9 +122,9 @@ class RandomGround:
         return pose
 
 
-def _rectangle(rng: np.random.Generator, side: int) -> tuple[slice, slice]:
-    (i, j), (across, along) = rng.integers(0, side - 4, 2), rng.integers(1, 6, 2)
-    return slice(i, i + across), slice(j, j + along)
+def _rectangle(rng: np.random.Generator, side: int, least: int = 1, most: int = 5) -> tuple[slice, slice]:
+    (i, j), (across, along) = rng.integers(0, side - 4, 2), rng.integers(least, most + 1, 2)
+    return slice(int(i), int(min(i + across, side))), slice(int(j), int(min(j + along, side)))
 
 
 def camera(rng: np.random.Generator) -> Camera:
