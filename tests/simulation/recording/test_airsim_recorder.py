@@ -36,7 +36,7 @@ NOISE = TroublePlan(
 
 @pytest.fixture(scope="module")
 def scene():
-    camera = {"width": 64, "height": 48}
+    camera = {"width": 60, "height": 44}
     scenario = load_scenario("beach", frames=4, camera=camera, voxel_size_m=8.0)
     return build_scene(replace(scenario, trouble=NOISE), 2)
 
@@ -106,7 +106,7 @@ def test_pictures_show_what_lies_where_each_camera_was(with_pictures):
     scene, recorded = with_pictures
     schedule, surface = build_schedule(scene), scene.landscape.surface
     camera, sea, sand = scene.scenario.intrinsics(), [], []
-    v, u = np.mgrid[0:48, 0:64]
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     rays = camera.unproject(np.stack([u.ravel() + 0.5, v.ravel() + 0.5], axis=-1))
     for drone, name in enumerate(scene.scenario.drone_names):
         (frame,) = open_recording(recorded.path).frames_of(name)

@@ -524,7 +524,7 @@ def crowdfence(*arguments, **options):
     )
 
 
-SMALL = ["--size", "64x48", "--voxel", "8", "--no-rgb", "--workers", "1"]
+SMALL = ["--size", "60x44", "--voxel", "8", "--no-rgb", "--workers", "1"]
 
 
 def test_the_command_is_interrupted_and_resumed(tmp_path):
@@ -587,7 +587,7 @@ def _workers_of(process) -> list[int]:
     ("arguments", "message"),
     [
         (["race", "--drones", "0"], "drones must be between 1 and 64, got 0"),
-        (["race", "--size", "100x100"], "--size must be a multiple of 16 up to 4096 pixels, got 100"),
+        (["race", "--size", "96x90"], "--size must be a multiple of 4 from 16 to 4096 pixels, got 90"),
         (["race", "--size", "wide"], "--size is 'wide', expected two numbers such as 640x480"),
         (["nowhere"], "unknown scenario 'nowhere'"),
         (["race", "--fps", "0"], "fps"),

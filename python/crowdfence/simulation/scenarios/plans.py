@@ -19,7 +19,9 @@ MOTIONS = ("march", "stand", "gather")
 DENSITIES = ("even", "core")
 FLIGHT_PATTERNS = ("follow", "survey")
 MAX_IMAGE_PX = 4096
-IMAGE_MULTIPLE_PX = 16
+IMAGE_MULTIPLE_PX = 4
+"""A cell of the heatmaps that are recorded with the pictures."""
+MIN_IMAGE_PX = 16
 MAX_PEOPLE = 20_000
 MAX_PROPS = 50_000
 FURTHEST_M = 10_000.0
@@ -219,7 +221,7 @@ class FlightPlan:
 
 @dataclass(frozen=True, slots=True)
 class CameraPlan:
-    """Image size in pixels (multiples of 16, at most 4096) and horizontal field of view."""
+    """Image size in pixels (multiples of 4 from 16 to 4096) and horizontal field of view."""
 
     width: int = 640
     height: int = 480
@@ -227,10 +229,10 @@ class CameraPlan:
 
     def __post_init__(self) -> None:
         for name, pixels in (("width", self.width), ("height", self.height)):
-            if not (IMAGE_MULTIPLE_PX <= pixels <= MAX_IMAGE_PX) or pixels % IMAGE_MULTIPLE_PX:
+            if not MIN_IMAGE_PX <= pixels <= MAX_IMAGE_PX or pixels % IMAGE_MULTIPLE_PX:
                 raise ScenarioError(
-                    f"camera.{name} must be a multiple of {IMAGE_MULTIPLE_PX} up to {MAX_IMAGE_PX} pixels, "
-                    f"got {pixels}"
+                    f"camera.{name} must be a multiple of {IMAGE_MULTIPLE_PX} from {MIN_IMAGE_PX} to "
+                    f"{MAX_IMAGE_PX} pixels, got {pixels}"
                 )
         require_within("camera.hfov_deg", self.hfov_deg, 10.0, 150.0)
 
