@@ -58,6 +58,20 @@ def test_the_nearest_zone_that_nobody_continues_is_continued() -> None:
     assert {(event.kind, event.id) for event in events} == {("expired", "Z1"), ("created", "Z3")}
 
 
+def test_of_zones_that_are_as_near_the_oldest_is_continued() -> None:
+    """More of them than a leaf of a k-d tree holds, which names any of those that are as near."""
+    tracker = ZoneTracker(nearness_columns=1.0)
+    square = np.array([[i, j] for i in range(0, 20, 2) for j in range(20)])
+    zones, _ = tracker.step([column_keys(np.array([place])) for place in square], 0)
+    number = {tuple(place): track.number for place, track in zip(square.tolist(), zones, strict=True)}
+    for i in range(1, 19, 2):
+        for j in range(20):
+            restored = ZoneTracker(nearness_columns=1.0)
+            restored.restore(tracker.alive, tracker.created)
+            (zone,), _ = restored.step([column_keys(np.array([[i, j]]))], 1)
+            assert zone.number == min(number[i - 1, j], number[i + 1, j])
+
+
 def test_identifiers_have_at_most_seven_characters() -> None:
     assert len(zone_id(MOST_ID)) == 7
     assert len({zone_id(number) for number in range(1, 5000)}) == 4999

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from crowdfence.zones.zone_id import MOST_ID, zone_id
 
+_ROUNDED = 1.0 + 1e-12
+"""Distances between columns are roots of whole numbers, far farther apart than this."""
 EventKind = Literal["created", "updated", "merged", "split", "expired"]
 
 
@@ -153,9 +155,9 @@ def _near(
     """Positions of the columns of `old` that are nearest to those of `new`, where they are within reach."""
     from scipy.spatial import cKDTree
 
-    # Equal distances go to the first: the oldest zone, since zones come by age.
-    distance, nearest = cKDTree(column_places(old)).query(
-        column_places(new), distance_upper_bound=np.nextafter(reach, np.inf)
-    )
+    places, tree = column_places(new), cKDTree(column_places(old))
+    distance, _ = tree.query(places, distance_upper_bound=np.nextafter(reach, np.inf))
     found = np.flatnonzero(np.isfinite(distance))
-    return nearest[found].astype(np.int64), found
+    # Equal distances go to the first: the oldest zone, since zones come by age. The tree names any of them.
+    as_near = tree.query_ball_point(places[found], distance[found] * _ROUNDED)
+    return np.array([min(equal) for equal in as_near], dtype=np.int64), found
