@@ -280,7 +280,9 @@ impl<M: FusionMethod> Page<'_, M> {
             };
         }
         let believed = last.map(|slot| (self.beliefs[at], slot as usize));
-        let before = believed.map(|(belief, slot)| (belief, times.fading[newest][slot]));
+        // To an older look no time passes, and no instant either.
+        let fading = |slot: usize| if newer.is_some() { times.whole } else { times.fading[newest][slot] };
+        let before = believed.map(|(belief, slot)| (belief, fading(slot)));
         let belief = method.update(before, &self.looks);
         self.beliefs[at] = belief;
         let slot = match last {

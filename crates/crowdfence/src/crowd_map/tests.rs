@@ -114,6 +114,18 @@ fn decay_per_frame_counts_instants() {
 }
 
 #[test]
+fn instants_since_the_last_look_are_counted_once_where_a_view_comes_late() {
+    // Half is left per instant. The late view was taken before the look of the first instant: it joins it as it was then.
+    let mut map = map(paper(0.5, std::f64::consts::LN_2, DecayUnit::Frame, Initial::Zero));
+    map.integrate(&[look("a", 0.0, 1.0, 10 * SECOND)], 10 * SECOND).unwrap();
+    let first = map.probability(10 * SECOND).unwrap()[0];
+    map.integrate(&[], 11 * SECOND).unwrap();
+    map.integrate(&[look("b", 0.0, 1.0, 5 * SECOND)], 12 * SECOND).unwrap();
+    // .5 P + .5 of the first, .5 P; two instants later a quarter of that.
+    assert_close(map.probability(12 * SECOND).unwrap()[0], 1.5 * first / 4.0);
+}
+
+#[test]
 fn the_first_look_follows_the_switch() {
     let first = |initial| {
         let mut map = map(paper(0.25, 0.0, DecayUnit::Second, initial));
