@@ -1235,6 +1235,14 @@ class CrowdMap:
 
         StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
         """
+    def shown_ids_at_last_looks(self, *, threshold: float | None = None) -> NDArray[np.int64]:
+        """The voxels that such a look showed as crowd when somebody last looked at them, by that look or
+        in the 2 s before it, sorted ids [N] int64. How long ago that was takes none away.
+
+        threshold  as for `shown_ids`
+
+        CrowdfenceError for a threshold out of bounds.
+        """
     def spoke_for_crowd(self, ids: ArrayLike) -> NDArray[np.bool_]:
         """Whether the last look at each of the voxels `ids` [N] spoke for crowd, [N] bool: it left more of it
         than there was, and more than the method holds of ground that nobody has seen. Of looks that

@@ -248,6 +248,53 @@ def test_crowd_of_a_late_view_is_closed_as_if_it_had_come_in_time() -> None:
     assert late.polygon.equals(in_time.polygon)
 
 
+def test_a_drone_whose_views_always_come_late_opens_ground_as_if_they_came_in_time() -> None:
+    """One drone shows a crowd and leaves. A second one, 1.5 s behind because of its link, sees nobody there,
+    while the first looks elsewhere: each of its looks is older than the newest instant."""
+    terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=2))
+    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    closed = {}
+    for half_second in range(80):
+        stamp_ns = half_second * SECOND_NS // 2
+        here = half_second < 4
+        look(crowd_map, "uav1", stamp_ns, np.arange(3) if here else np.arange(3, 6), 0.99 if here else 0.0)
+        engine.step(stamp_ns)
+        if half_second >= 40:
+            look(crowd_map, "uav2", stamp_ns - 3 * SECOND_NS // 2, np.arange(3), 0.0)
+            engine.restore(engine.to_bytes())  # as a service that was started again goes on
+        closed[half_second] = sum(zone.cell_count for zone in engine.step(stamp_ns))
+    assert closed[3] == closed[39] == 3  # nobody has looked again
+    assert closed[50] == closed[79] == 0
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_a_clear_look_is_not_outweighed_for_having_come_late(late: bool) -> None:
+    """A drone clearly shows a crowd, and half a second later two that are blind see nobody. Whether the link
+    of the first was down for a minute or not, nobody has looked since: its ground is closed, not empty."""
+    terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=3))
+    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    half_ns = SECOND_NS // 2
+    views = [("near1", 0, 0.0), ("near2", 0, 0.0), ("clear", half_ns, 0.99)]
+    views += [("near1", 2 * half_ns, 0.0), ("near2", 2 * half_ns, 0.0), ("", 60 * SECOND_NS, 0.0)]
+    newest_ns = 0
+    for drone, stamp_ns, mean in sorted(views, key=lambda view: late and view[0] == "clear"):
+        if drone:
+            look(crowd_map, drone, stamp_ns, np.arange(3), mean)
+        else:
+            crowd_map.integrate_observations([], stamp_ns)  # a minute later
+        newest_ns = max(newest_ns, stamp_ns)
+        zones = engine.step(newest_ns)
+    assert len(crowd_map.crowd_ids_at_last_looks()) == 0
+    assert [zone.cell_count for zone in zones] == [3]
+    for now_ns in (60 * SECOND_NS, 600 * SECOND_NS):
+        assert (crowd_map.state(now_ns, stale_after_s=100.0) == VoxelState.NOT_CLEARED).all()
+    look(crowd_map, "near1", 62 * SECOND_NS, np.arange(3), 0.0)
+    assert len(engine.step(62 * SECOND_NS)) == 0
+    assert (crowd_map.state(63 * SECOND_NS) == VoxelState.EMPTY).all()
+
+
 def test_a_drone_that_sees_nobody_does_not_open_at_once_what_another_shows() -> None:
     """The nearer drone is blind from the first instant on, and weighs more. What the other shows is closed
     all the same, and for 2 s after its last look; then the blind one is believed."""
@@ -816,7 +863,7 @@ class EverythingRead:
         self._shown_ns = np.full(terrain.voxel_count, -(10**18))
         self._spoke_for_crowd = np.zeros(terrain.voxel_count, dtype=bool)
         self._below = np.zeros(terrain.voxel_count, dtype=np.int64)
-        self._stepped_ns = -1
+        self._looked_ns = np.full(terrain.voxel_count, -1)
         self.closed = np.zeros(terrain.voxel_count, dtype=bool)
 
     def look(self, drone: str, stamp_ns: int, seen: NDArray[np.int64], mean: NDArray[np.float64]) -> None:
@@ -853,9 +900,10 @@ class EverythingRead:
         if self._method.name == "evidence":
             at_last_look = self._at_last_looks()
             crowd, is_below = at_last_look >= self._closes, at_last_look < self._stays
-            crowd |= stamp_ns - self._shown_ns <= 2 * SECOND_NS
+            last_ns = self._map.last_seen_ns()
+            crowd |= last_ns - self._shown_ns <= 2 * SECOND_NS
             is_below &= ~self._spoke_for_crowd
-            looked = self._map.last_seen_ns() > self._stepped_ns
+            looked, self._looked_ns = last_ns > self._looked_ns, last_ns
             self._below[looked] = np.where(is_below, self._below + 1, 0)[looked]
             now_known = self._map.knowledge(np.arange(len(looked)), stamp_ns).looks
             enough = np.nan_to_num(now_known) >= self._method.parameters["doubt"]
@@ -864,7 +912,6 @@ class EverythingRead:
             crowd, opens = now >= self._closes, now < self._stays
         self.closed = (crowd & self._map.seen()) | (self.closed & ~opens)
         self._below[crowd | ~self.closed] = 0
-        self._stepped_ns = stamp_ns
 
 
 @settings(max_examples=25)

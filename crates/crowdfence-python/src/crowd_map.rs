@@ -456,6 +456,22 @@ impl PyCrowdMap {
         Ok(id_array(py, &ids))
     }
 
+    /// The voxels that such a look showed as crowd when somebody last looked at them, by that look or
+    /// in the 2 s before it, sorted ids [N] int64. How long ago that was takes none away.
+    ///
+    /// threshold  as for `shown_ids`
+    ///
+    /// CrowdfenceError for a threshold out of bounds.
+    #[pyo3(signature = (*, threshold=None))]
+    fn shown_ids_at_last_looks<'py>(
+        &self,
+        py: Python<'py>,
+        threshold: Option<f64>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let ids = self.read_at(py, threshold, |map, threshold| map.shown_ids_at_last_looks(threshold))?;
+        Ok(id_array(py, &ids))
+    }
+
     /// Whether the last look at each of the voxels `ids` [N] spoke for crowd, [N] bool: it left more of it
     /// than there was, and more than the method holds of ground that nobody has seen. Of looks that
     /// an older build wrote to a file it says no. CrowdfenceError for an id that does not exist.

@@ -9,7 +9,6 @@ from crowdfence._core import CrowdMap
 from crowdfence.zones.belief import ColumnBelief, column_belief, forgets_to_unknown
 from crowdfence.zones.sorted_keys import united
 from crowdfence.zones.tracker import column_keys
-from crowdfence.zones.zone import NEVER_NS
 
 
 class ClosedGround:
@@ -22,7 +21,8 @@ class ClosedGround:
     must outweigh the method's doubt, or it is forgetting that brought the ground below the threshold.
 
     What one look by itself shows is closed while it stands (`CrowdMap.shown_ids`), whatever the other drones
-    see there at the time: one of them may be blind.
+    see there at the time, since one of them may be blind, and beyond that until somebody looks again. Looks
+    may come in any order: one that is older than what is known of its place opens nothing.
     """
 
     def __init__(
@@ -40,8 +40,9 @@ class ClosedGround:
         """How many looks in a row, up to the last one, found each of them below the off threshold."""
         self.shown_ids = np.empty(0, dtype=np.int64)
         """What is closed of it because one look shows it by itself, as of the last step, sorted."""
-        self.stepped_ns = NEVER_NS
-        """When that was."""
+        self.looked_ns = np.empty(0, dtype=np.int64)
+        """When each of what is closed had last been looked at then. A look that came late is one all the
+        same, where it is newer than those before it at that place."""
         self.forgets_to_unknown = forgets_to_unknown(crowd_map)
         """Whether ground can be closed that is below both thresholds."""
 
@@ -56,24 +57,28 @@ class ClosedGround:
         crowd_map = self._crowd_map
         crowd = self._crowd(stamp_ns)
         stays = ~np.isin(self.voxel_ids, crowd, assume_unique=True)
-        held, below = self.voxel_ids[stays], self.below[stays]
+        held, below, looked_ns = self.voxel_ids[stays], self.below[stays], self.looked_ns[stays]
         if self.forgets_to_unknown:
-            opens, below = self._opened_by_looks(held, below, stamp_ns)
+            looked = crowd_map.last_seen_ns(held) > looked_ns
+            opens, below = self._opened_by_looks(held, looked, below, stamp_ns)
         else:
             opens = crowd_map.probability(stamp_ns, held) < self._off_threshold
         ids = np.concatenate([crowd, held[~opens]])
         order = np.argsort(ids)
         self.voxel_ids = ids[order]
         self.below = np.concatenate([np.zeros(len(crowd), dtype=np.int64), below[~opens]])[order]
-        self.stepped_ns = stamp_ns
+        self.looked_ns = crowd_map.last_seen_ns(self.voxel_ids)
         belief = column_belief(crowd_map, stamp_ns, self.voxel_ids, self._off_threshold)
         return belief, column_keys(belief.columns.indices)
 
     def restore(
-        self, voxel_ids: NDArray[np.int64], stepped_ns: int, below: NDArray[np.int64] | None = None
+        self,
+        voxel_ids: NDArray[np.int64],
+        looked_ns: NDArray[np.int64],
+        below: NDArray[np.int64] | None = None,
     ) -> None:
         """Go on from there."""
-        self.voxel_ids, self.stepped_ns = voxel_ids, stepped_ns
+        self.voxel_ids, self.looked_ns = voxel_ids, looked_ns
         self.below = np.zeros(len(voxel_ids), dtype=np.int64) if below is None else below
 
     def _crowd(self, stamp_ns: int) -> NDArray[np.int64]:
@@ -82,15 +87,20 @@ class ClosedGround:
         if not self.forgets_to_unknown:
             return crowd_map.crowd_ids(stamp_ns, threshold=threshold)
         self.shown_ids = crowd_map.shown_ids(stamp_ns, threshold=threshold)
-        return united(crowd_map.crowd_ids_at_last_looks(threshold=threshold), self.shown_ids)
+        # All that is shown now is among what was shown at the last looks.
+        shown = crowd_map.shown_ids_at_last_looks(threshold=threshold)
+        return united(crowd_map.crowd_ids_at_last_looks(threshold=threshold), shown)
 
     def _opened_by_looks(
-        self, held: NDArray[np.int64], below: NDArray[np.int64], stamp_ns: int
+        self,
+        held: NDArray[np.int64],
+        looked: NDArray[np.bool_],
+        below: NDArray[np.int64],
+        stamp_ns: int,
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        """Of voxels that were closed [N]: which the looks since the last step open, and how many in a row now
-        found each below."""
+        """Of voxels that were closed [N], of which some were `looked` at since the last step: which that
+        opens, and how many looks in a row now found each below."""
         crowd_map = self._crowd_map
-        looked = crowd_map.last_seen_ns(held) > self.stepped_ns
         still = crowd_map.crowd_ids_at_last_looks(threshold=self._off_threshold)
         is_below = ~np.isin(held, still, assume_unique=True) & ~crowd_map.spoke_for_crowd(held)
         below = np.where(looked, np.where(is_below, below + 1, 0), below)

@@ -116,12 +116,12 @@ class ZoneEngine:
         """What the next step depends on beside the crowd map, to go on from."""
         arrays = {
             "closed_voxels": self._closed.voxel_ids,
+            "closed_looked_ns": self._closed.looked_ns,
             "closed_below": self._closed.below,
             "crowd_voxel_ids": self.crowd_voxel_ids,
             **self._crowd.arrays(),
         }
         told = {
-            "stepped_ns": self._closed.stepped_ns,
             "evidence": {
                 name: {drone: asdict(look) for drone, look in looks.items()}
                 for name, looks in self._evidence.items()
@@ -139,9 +139,14 @@ class ZoneEngine:
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
                 told = json.loads(arrays["told"].tobytes())
                 if "closed_voxels" in arrays:
-                    self._closed.restore(arrays["closed_voxels"], told["stepped_ns"], arrays["closed_below"])
+                    closed, below = arrays["closed_voxels"], arrays["closed_below"]
                 else:  # a build that kept columns: all that was seen of them
-                    self._closed.restore(self._seen_in(arrays["closed"]), told["stepped_ns"])
+                    closed, below = self._seen_in(arrays["closed"]), None
+                if "closed_looked_ns" in arrays:
+                    looked_ns = arrays["closed_looked_ns"]
+                else:  # a build that took for new what was seen after the last step
+                    looked_ns = np.full(len(closed), told["stepped_ns"], np.int64)
+                self._closed.restore(closed, looked_ns, below)
                 self.crowd_voxel_ids = arrays["crowd_voxel_ids"]
                 self._evidence = {
                     name: {drone: DroneEvidence(**look) for drone, look in looks.items()}

@@ -81,6 +81,13 @@ impl CrowdMap {
         Ok(self.history.shown.ids(stamp_ns, threshold))
     }
 
+    /// The voxels that were shown so when somebody last looked at them, sorted: since then nobody has looked who could
+    /// have told otherwise.
+    pub fn shown_ids_at_last_looks(&self, threshold: f64) -> Result<Vec<u32>> {
+        check_threshold(threshold)?;
+        Ok(self.history.shown.ids_at_last_looks(threshold))
+    }
+
     /// Whether the last look at each of some voxels spoke for crowd: it left more of it than there was, and more than
     /// the method holds of ground that nobody has seen. Files that older builds wrote do not say so of any look.
     pub fn spoke_for_crowd(&self, ids: &[u32]) -> Vec<bool> {

@@ -224,7 +224,7 @@ fn read_shown(reader: &mut Reader<'_>, history: &mut History, voxel_count: usize
         }
         looks.push(look);
     }
-    history.shown.add(&looks, newest_ns);
+    history.remember_shown(&looks);
     Ok(())
 }
 

@@ -114,7 +114,11 @@ impl History {
 
     /// Takes in looks that by themselves may show crowd.
     pub fn remember_shown(&mut self, looks: &[ShownLook]) {
-        self.shown.add(looks, self.instants.newest_ns().expect("an instant was integrated"));
+        let (codes, instants) = (&self.looks, &self.instants);
+        self.shown.add(looks, |id| match Look::from_code(codes.get(id as usize)) {
+            Look::At(slot) => Some(instants.at(slot).stamp_ns),
+            Look::Never | Look::Occluded => None,
+        });
     }
 
     /// Something hides voxels, sorted, from a camera.

@@ -94,7 +94,7 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         let method = &self.beliefs.method;
         let none = method.fading(Elapsed { seconds: 0.0, instants: 0 });
         let then = method.probability(self.beliefs.pages.get(id as usize), none);
-        then < rule.threshold && method.clears(then)
+        then < rule.threshold && method.clears(then) && !self.history.shown.holds(id, rule.threshold)
     }
 
     pub fn knowledge(&self, id: u32, rule: StateRule) -> VoxelKnowledge {
@@ -128,11 +128,11 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         pages.par_iter().with_min_len(PAGES_AT_ONCE).flat_map_iter(empty_of).collect()
     }
 
-    /// Do the looks speak against crowd, and none of the last ones, which the others outweigh, clearly for it?
+    /// Do the looks speak against crowd, and none of those up to the last one, which the others outweigh, clearly for it?
     fn is_cleared(&self, id: u32, probability: f64, rule: StateRule) -> bool {
         probability < rule.threshold
             && self.beliefs.method.clears(probability)
-            && !self.history.shown.holds(id, self.now.stamp_ns, rule.threshold)
+            && !self.history.shown.holds(id, rule.threshold)
     }
 
     fn is_fresh(&self, slot: u32, rule: StateRule) -> bool {

@@ -510,7 +510,7 @@ fn a_look_that_by_itself_shows_crowd_stands_whatever_others_show() {
 }
 
 #[test]
-fn what_a_look_shows_is_not_empty_while_it_stands() {
+fn what_a_look_shows_is_not_empty_until_somebody_looks_after_that() {
     let mut map = map(evidence_that_shows());
     // Sixty looks that say -2 each, against one that says 7: far below .1, up to which ground is empty.
     for second in 0..12 {
@@ -521,12 +521,47 @@ fn what_a_look_shows_is_not_empty_while_it_stands() {
         }
         map.integrate(&views, second * SECOND).unwrap();
     }
-    let state = |second: i64| map.state(second * SECOND, 0.5, 30.0).unwrap()[0];
-    let empty = |second: i64| map.empty_ids(second * SECOND, 0.5, 30.0).unwrap();
+    let state = |map: &CrowdMap, second: i64| {
+        let (stamp, rule) = (second * SECOND, (0.5, 30.0));
+        let state = map.state(stamp, rule.0, rule.1).unwrap()[0];
+        assert_eq!(map.knowledge(&[0], stamp, rule.0, rule.1).unwrap()[0].state, state);
+        let is_empty = !map.empty_ids(stamp, rule.0, rule.1).unwrap().is_empty();
+        assert_eq!(is_empty, state == VoxelState::Empty);
+        state
+    };
     assert!(map.probability(13 * SECOND).unwrap()[0] < 0.1);
-    assert_eq!((state(13), empty(13)), (VoxelState::NotCleared, vec![]));
-    assert_eq!(map.knowledge(&[0], 13 * SECOND, 0.5, 30.0).unwrap()[0].state, VoxelState::NotCleared);
-    assert_eq!((state(14), empty(14)), (VoxelState::Empty, vec![0]));
+    let mut map = CrowdMap::from_bytes(&map.to_bytes(), two_voxels()).unwrap();
+    // Closed for 2 s; and time alone makes no place one that was empty.
+    for (second, shown) in [(13, 1), (14, 0), (41, 0), (42, 0), (400, 0)] {
+        assert_eq!(state(&map, second), VoxelState::NotCleared);
+        assert_eq!(map.shown_ids(second * SECOND, 0.5).unwrap().len(), shown);
+        assert_eq!(map.shown_ids_at_last_looks(0.5).unwrap(), [0]);
+    }
+    // Nor does a look that the clear one outlives.
+    map.integrate(&[look("a", 0.0, 0.0, 13 * SECOND)], 13 * SECOND).unwrap();
+    assert_eq!(state(&map, 16), VoxelState::NotCleared);
+    map.integrate(&[look("a", 0.0, 0.0, 14 * SECOND)], 14 * SECOND).unwrap();
+    assert_eq!(map.shown_ids_at_last_looks(0.5).unwrap(), [0_u32; 0]);
+    assert_eq!((state(&map, 16), state(&map, 45)), (VoxelState::Empty, VoxelState::Stale));
+}
+
+#[test]
+fn a_look_that_comes_late_shows_crowd_to_those_who_looked_just_after_it() {
+    // e shows crowd at 10 s, four who see nobody look at 11 s; its link was down for a minute, or it was not.
+    let mut maps = [map(evidence_that_shows()), map(evidence_that_shows())];
+    let clear = look("e", 0.0, 0.8, 10 * SECOND);
+    let blind: Vec<View> = ["a", "b", "c", "d"].map(|name| look(name, 0.0, 0.0, 11 * SECOND)).into();
+    maps[0].integrate(std::slice::from_ref(&clear), 10 * SECOND).unwrap();
+    for map in &mut maps {
+        map.integrate(&blind, 11 * SECOND).unwrap();
+        map.integrate(&[], 70 * SECOND).unwrap();
+    }
+    maps[1].integrate(&[clear], 70 * SECOND).unwrap();
+    for map in &maps {
+        assert!(map.crowd_ids_at_last_looks(0.5).unwrap().is_empty());
+        assert_eq!(map.shown_ids_at_last_looks(0.5).unwrap(), [0]);
+        assert_eq!(map.state(70 * SECOND, 0.5, 100.0).unwrap()[0], VoxelState::NotCleared);
+    }
 }
 
 #[test]
