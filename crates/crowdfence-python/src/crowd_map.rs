@@ -441,8 +441,8 @@ impl PyCrowdMap {
     /// at the time; at a stamp not before the newest instant, sorted ids [N] int64. Only `evidence` tells
     /// looks apart.
     ///
-    /// threshold  in (0, 1]: the look alone leaves crowd 2 in log odds above it; None = the method's
-    ///            `default_threshold`
+    /// threshold  in (0, 1]: the look alone leaves crowd 2 in log odds above it, and above the prior; None =
+    ///            the method's `default_threshold`
     ///
     /// StampError for an earlier stamp, CrowdfenceError for a threshold out of bounds.
     #[pyo3(signature = (stamp_ns, *, threshold=None))]
