@@ -1,6 +1,8 @@
 """Zones over time: what is closed, which zone is which, until when and why."""
 
 import dataclasses
+import io
+import json
 
 import numpy as np
 import pytest
@@ -266,6 +268,27 @@ def test_a_drone_whose_views_always_come_late_opens_ground_as_if_they_came_in_ti
         closed[half_second] = sum(zone.cell_count for zone in engine.step(stamp_ns))
     assert closed[3] == closed[39] == 3  # nobody has looked again
     assert closed[50] == closed[79] == 0
+
+
+def test_a_state_of_a_build_that_kept_when_it_stepped_is_gone_on_from() -> None:
+    """In place of when each voxel was last looked at: what was seen after that step is new."""
+    terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=1))
+    rules = ZoneConfig().rules(crowd_map.method.default_threshold)
+    engine = ZoneEngine(crowd_map, rules)
+    look(crowd_map, "uav1", 0, np.arange(3), 0.99)
+    engine.step(60 * SECOND_NS)
+    with np.load(io.BytesIO(engine.to_bytes())) as state:
+        arrays = dict(state)
+    del arrays["closed_looked_ns"]
+    kept = {**json.loads(arrays["told"].tobytes()), "stepped_ns": 60 * SECOND_NS}
+    file = io.BytesIO()
+    np.savez(file, **{**arrays, "told": np.frombuffer(json.dumps(kept).encode(), np.uint8)})
+    later = ZoneEngine(crowd_map, rules)
+    later.restore(file.getvalue())
+    assert [zone.cell_count for zone in later.step(61 * SECOND_NS)] == [3]
+    look(crowd_map, "uav1", 62 * SECOND_NS, np.arange(3), 0.0)
+    assert len(later.step(62 * SECOND_NS)) == 0
 
 
 @pytest.mark.parametrize("late", [False, True])
