@@ -655,6 +655,18 @@ def test_crowd_is_forgotten_later_than_it_was_seen_or_nobody_knows_when(
     assert zone.forgotten_ns is None or seen_ns < zone.forgotten_ns < 2 * seen_ns
 
 
+def test_crowd_that_stays_above_an_off_threshold_below_the_prior_is_never_forgotten() -> None:
+    """What nobody looks at returns to the prior, .015, and no further."""
+    terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig(prior=0.015).fusion_method(terrain, 1))
+    for off_threshold, is_forgotten in [(0.02, True), (0.015, False), (0.01, False)]:
+        config = ZoneConfig(off_threshold=off_threshold)
+        engine = ZoneEngine(crowd_map, config.rules(crowd_map.default_threshold()))
+        look(crowd_map, "uav1", 0, np.arange(3), 0.95)
+        (zone,) = engine.step(0)
+        assert (zone.forgotten_ns is not None) == is_forgotten
+
+
 def test_unseen_ground_is_closed_by_option_and_opens_nothing() -> None:
     probability = np.full((6, 5), np.nan)
     probability[:4, :3] = 0.0

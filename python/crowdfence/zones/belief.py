@@ -66,7 +66,8 @@ def forgotten_ns(
     crowd_map: CrowdMap, columns: CrowdColumns, stamp_ns: int, threshold: float
 ) -> NDArray[np.int64] | None:
     """[C] When method `evidence` no longer knows crowd on each column, if nobody looks again; None where that
-    is beyond the year 2116 for any, and for the others, which forget towards "free" or not at all.
+    is beyond the year 2116 for any, or never: at a threshold that is not above the prior; and for the others,
+    which forget towards "free" or not at all.
 
     With e the log odds above the prior and W the looks that are remembered, e (W + doubt) = E D^a of the
     method, and a share f of both is left after memory_s ln(1 / f). The threshold, T above the prior, is met
@@ -78,6 +79,8 @@ def forgotten_ns(
     prior, doubt, memory_s = (float(parameters[name]) for name in ("prior", "doubt", "memory_s"))
     known = crowd_map.knowledge(columns.voxel_ids, stamp_ns)
     above, least = _log_odds(known.probability) - _log_odds(prior), _log_odds(threshold) - _log_odds(prior)
+    if least <= _ROUNDING:
+        return None
     looks = np.nan_to_num(known.looks)
     with np.errstate(divide="ignore", invalid="ignore"):
         left = least * doubt / (above * (looks + doubt) - least * looks)
