@@ -80,7 +80,7 @@ def hold_against(crowd_map: cf.CrowdMap, slow: SlowFusion, stamp_ns: int, stale_
 
 
 @pytest.mark.parametrize("name", METHODS)
-@settings(max_examples=60)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), decay=st.sampled_from([0.0, 0.1, 1e6]))
 def test_a_map_is_what_the_equations_make_of_all_looks(name: str, seed: int, decay: float) -> None:
     """Reading changes nothing, and neither does a map that is written and read on the way."""
