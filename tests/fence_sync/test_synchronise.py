@@ -1,8 +1,11 @@
 """A vehicle's fence made equal to zones: what stands on it afterwards, and what is said."""
 
 import json
+import math
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
@@ -10,7 +13,15 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from crowdfence import Georeference, Zone
-from crowdfence.fence_sync import FenceError, FenceKeeper, FenceReport, ItemCapacity
+from crowdfence.fence_sync import (
+    FenceError,
+    FenceKeeper,
+    FenceReport,
+    ItemCapacity,
+    fence_geojson,
+    synchronise,
+)
+from crowdfence.fence_sync.placement import PlacedFence
 from crowdfence.fence_sync.vehicle_memory import recall
 from crowdfence.planner import ClearAir
 from crowdfence.zones import ZoneSet
@@ -115,14 +126,147 @@ def test_a_shape_of_ours_that_somebody_moved_is_theirs_now(tmp_path: Path) -> No
 
 
 def test_somebody_who_writes_while_we_do_is_noticed(tmp_path: Path) -> None:
-    """Another ground station replaces the list each time that ours was taken."""
+    """Another ground station replaces the list each time that ours was taken; we keep what it wrote."""
     vehicle = EmulatedVehicle()
     keep = keeper(vehicle, tmp_path)
     take = vehicle._take
     vehicle._take = lambda items: take(list(THEIRS))  # type: ignore[method-assign]
-    with pytest.raises(FenceError, match="3 items instead of 8, 0 of them equal; did another ground station"):
+    with pytest.raises(FenceError, match="3 items instead of 11, 3 of them equal; did another ground"):
         keep.put(FAR, HERE)
     assert recall(keep.memory_path).is_first  # nothing of it counts as ours
+
+
+NEW = polygon((47.43, 8.55), (47.43, 8.56), (47.44, 8.56), command=POLYGONS[0])
+
+
+def adds_once(vehicle: EmulatedVehicle) -> None:
+    """Another ground station adds a shape to the list that it reads when the next one is taken."""
+    take = vehicle._take
+
+    def take_and_add(items: list[RawItem]) -> None:
+        take([*NEW, *items])
+        vehicle._take = take  # type: ignore[method-assign]
+
+    vehicle._take = take_and_add  # type: ignore[method-assign]
+
+
+def test_what_another_station_adds_before_ours_is_read_back_stays(tmp_path: Path) -> None:
+    """Our list was not what was read back and was sent again, over theirs; nothing was said of it."""
+    vehicle = EmulatedVehicle(items=list(THEIRS))
+    keep = keeper(vehicle, tmp_path)
+    keep.put(FAR[:1], HERE)
+    adds_once(vehicle)
+    report = keep.put(FAR, HERE)
+    assert covers(vehicle, FAR) and len(report.ours) == 2
+    assert {*THEIRS, *NEW} <= set(vehicle.items) and len(vehicle.items) == 3 + 3 + 8
+    assert "1 shapes new" in told(report)["changed_by_others"]
+    vehicle.items = [item for item in vehicle.items if item not in NEW]
+    adds_once(vehicle)
+    report = keep.clear()
+    assert set(vehicle.items) == {*THEIRS, *NEW} and not report.ours and len(report.shapes) == 2
+
+
+def test_what_another_station_adds_while_zones_are_fitted_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some thousands of corners take seconds, and the list was replaced by what had been read before."""
+    vehicle = EmulatedVehicle(items=list(THEIRS))
+    link = EmulatedLink(vehicle)
+    keep = FenceKeeper(station(link), tmp_path)
+    fit, left = synchronise.placed, [1]
+
+    def slowly(*given: Any) -> PlacedFence:
+        link.now_s += 4.0
+        if left and left.pop():
+            vehicle.items = [*vehicle.items, *NEW]
+        return fit(*given)
+
+    monkeypatch.setattr(synchronise, "placed", slowly)
+    report = keep.put(FAR, HERE)
+    assert report.written and covers(vehicle, FAR) and len(vehicle.lists) == 1
+    assert {*THEIRS, *NEW} <= set(vehicle.items) and len(report.ours) == 2
+
+
+def test_what_another_station_adds_between_two_refusals_stays(tmp_path: Path) -> None:
+    zones = [box(100.0 + 60 * (i % 5), 60.0 * (i // 5), name=f"Z{i}") for i in range(15)]
+    vehicle = EmulatedVehicle(capacity=20)
+    keep = keeper(vehicle, tmp_path)
+    said, vehicle._ack = vehicle._ack, lambda result: adds(result)  # type: ignore[method-assign]
+
+    def adds(result: int) -> None:
+        if result == mavlink.MAV_MISSION_NO_SPACE and not vehicle.items:
+            vehicle.items = list(NEW)
+        said(result)
+
+    report = keep.put(zones, HERE)
+    assert covers(vehicle, zones) and vehicle.items[:3] == NEW and "kept_others" in told(report)
+
+
+OF_NO_NUMBER = [
+    [(CIRCLE, math.nan, 473_000_000, 85_000_000)],
+    [(CIRCLE, math.inf, 473_000_000, 85_000_000)],
+    [(CIRCLE, -20.0, 473_000_000, 85_000_000)],
+    [(CIRCLE, 30.0, 2**31 - 1, 2**31 - 1)],
+    [(POLYGONS[1], 3.0, 473_000_000, 85_000_000)] * 3,
+]
+
+
+@pytest.mark.parametrize("theirs", OF_NO_NUMBER)
+def test_shapes_of_others_that_are_no_shapes_stay_and_stop_nothing(
+    tmp_path: Path, theirs: list[RawItem]
+) -> None:
+    """Of a radius that is no number the list was never equal to what was sent, and a latitude beyond the pole
+    was refused after the list was replaced, as if nothing had been; `pull` showed neither."""
+    vehicle = EmulatedVehicle(items=list(theirs))
+    keep = keeper(vehicle, tmp_path)
+    for zones in (FAR, FAR, FAR[:1]):
+        report = keep.put(zones, HERE)
+        assert covers(vehicle, zones) and len(report.shapes) == 1 + len(zones) == 1 + len(report.ours)
+        assert "changed_by_others" not in told(report)
+        shapes, ours = keep.read()
+        drawn = json.loads(fence_geojson(shapes, ours, "vehicle 1"))["features"]
+        assert [one["properties"]["drawn_by"] for one in drawn].count("others") == 1
+    assert len(vehicle.lists) == 2
+    keep.clear()
+    assert list(map(repr, vehicle.items)) == list(map(repr, theirs))
+
+
+@pytest.mark.parametrize("corners", [math.nan, math.inf, -3.0, 1e30])
+def test_a_polygon_of_others_that_has_no_number_of_corners_can_be_removed(
+    tmp_path: Path, corners: float
+) -> None:
+    """Neither pull nor clear --all worked: "cannot convert float NaN to integer"."""
+    vehicle = EmulatedVehicle(items=[(POLYGONS[1], corners, 473_000_000, 85_000_000), *THEIRS])
+    keep = keeper(vehicle, tmp_path)
+    assert [len(shape) for shape in keep.read()[0]] == [1, 3]
+    with pytest.raises(FenceError, match="corners of which 1 are there.*clear --all"):
+        keep.put(FAR, HERE)
+    keep.clear(everything=True)
+    assert vehicle.items == []
+    keep.put(FAR, HERE)
+    assert covers(vehicle, FAR)
+
+
+class LosesDigits(EmulatedVehicle):
+    """Keeps degrees as float32."""
+
+    def _take(self, items: list[RawItem]) -> None:
+        def kept(degrees_e7: int) -> int:
+            return round(float(np.float32(degrees_e7 / 1e7)) * 1e7)
+
+        super()._take([(one[0], one[1], kept(one[2]), kept(one[3])) for one in items])
+
+
+def test_a_vehicle_that_loses_digits_is_said_to_and_does_not_fill_up(tmp_path: Path) -> None:
+    """It was asked whether another ground station wrote, and every push left one more copy for ever."""
+    vehicle = LosesDigits()
+    keep = keeper(vehicle, tmp_path)
+    for _ in range(3):
+        with pytest.raises(FenceError, match=r"keeps its corners elsewhere, up to 0\.\d+ m from where"):
+            keep.put(FAR, HERE)
+        assert len(vehicle.items) == 8
+    keep.clear()
+    assert vehicle.items == []
 
 
 def test_a_vehicle_with_less_room_is_learned_and_remembered(tmp_path: Path) -> None:

@@ -213,6 +213,19 @@ def test_a_list_that_changes_while_it_is_read_is_read_again() -> None:
     assert end.value.value == tuple(items)
 
 
+def test_a_list_that_would_be_read_for_hours_is_given_up() -> None:
+    """A length that no vehicle holds: every item was waited for, however long."""
+    now_s, patience = 0.0, Patience(longest_s=60.0)
+    conversation = download(lambda: now_s, patience)
+    next(conversation)
+    asked = conversation.send(Count(65_535))
+    with pytest.raises(FenceError, match="61 of its 65535 items came in 60 s; check the link"):
+        for seq in range(65_535):
+            assert asked.say == (RequestItem(seq),)
+            now_s += 1.0
+            asked = conversation.send(Item(seq, circles(1)[0]))
+
+
 def test_a_vehicle_that_knows_no_fences_is_said_to() -> None:
     conversation = download(lambda: 0.0, PATIENCE)
     next(conversation)

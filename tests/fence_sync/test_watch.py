@@ -1,6 +1,7 @@
 """A fence that follows zones: when it is sent, when ground opens, what is said when something goes wrong."""
 
 import json
+import math
 import socket
 from pathlib import Path
 
@@ -11,7 +12,15 @@ from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceWatch, WatchPlan
 from crowdfence.fence_sync.debounce import Debounce
 from crowdfence.fence_sync.transport import open_transport
 from support.fence_zones import box, station
-from support.vehicle_emulator import ARDUPILOT, EmulatedLink, EmulatedVehicle, closes, polygon
+from support.vehicle_emulator import (
+    ARDUPILOT,
+    CIRCLE,
+    POLYGONS,
+    EmulatedLink,
+    EmulatedVehicle,
+    closes,
+    polygon,
+)
 
 A, B = box(100.0, 100.0, name="A"), box(200.0, 100.0, name="B")
 THEIRS = polygon((47.41, 8.55), (47.41, 8.56), (47.42, 8.56))
@@ -317,6 +326,21 @@ def test_a_switch_that_puts_a_fence_off_in_flight_is_told_until_it_is_on_again(t
     assert watched.run(8.0) == ["not_enforced"]
     watched.vehicle.geofence = (True, True)
     assert watched.run(8.0) == [] and watched.watch.alarms == ()
+
+
+def test_a_shape_of_others_that_is_none_ends_no_watch(tmp_path: Path) -> None:
+    """A latitude beyond the pole or corners of no number ended it with an error, in flight."""
+    watched = Watched(tmp_path, check_s=5.0)
+    watched.run(3.0)
+    ours = list(watched.vehicle.items)
+    watched.vehicle.items = [*ours, (CIRCLE, math.nan, 2**31 - 1, 0), (CIRCLE, 30.0, 2**31 - 1, 0)]
+    assert watched.run(8.0).count("kept_others") == 1
+    assert watched.run(40.0) == [] and watched.watch.alarms == ()
+    watched.vehicle.items = [(POLYGONS[1], math.inf, 473_000_000, 85_000_000), *ours]
+    assert "failed" in watched.run(8.0)
+    watched.vehicle.items = ours
+    watched.run(8.0)
+    assert watched.watch.alarms == ()
 
 
 def test_a_home_that_is_set_in_the_fence_is_an_alarm(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -44,7 +45,7 @@ def _feature(shape: FenceShape, is_ours: bool) -> dict[str, Any]:
         "drawn_by": "crowdfence" if is_ours else "others",
     }
     if first.command in CIRCLES:
-        properties["radius_m"] = first.param1
+        properties["radius_m"] = first.param1 if math.isfinite(first.param1) else None
     if first.command in POLYGONS and len(shape) >= 3:
         geometry: dict[str, Any] = {"type": "Polygon", "coordinates": [_counter_clockwise(corners)]}
     else:

@@ -6,6 +6,7 @@ are; a circle is one. There are no heights, no times and no holes.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -45,10 +46,15 @@ class FenceItem:
         """Whether both close the same, within what autopilots lose when they store it."""
         return (
             self.command == other.command
-            and abs(self.param1 - other.param1) <= RADIUS_TOLERANCE_M
+            and _are_near(self.param1, other.param1)
             and abs(self.latitude_e7 - other.latitude_e7) <= POSITION_TOLERANCE_E7
             and abs(self.longitude_e7 - other.longitude_e7) <= POSITION_TOLERANCE_E7
         )
+
+
+def _are_near(first: float, second: float) -> bool:
+    """What is no number is near to itself: others may have written it, and it is to be kept."""
+    return str(first) == str(second) or abs(first - second) <= RADIUS_TOLERANCE_M
 
 
 FenceShape = tuple[FenceItem, ...]
@@ -60,7 +66,7 @@ def shapes_of(items: Sequence[FenceItem]) -> list[FenceShape]:
     shapes, start = [], 0
     while start < len(items):
         first = items[start]
-        size = max(1, round(first.param1)) if first.command in POLYGONS else 1
+        size = max(1, _corners(first))
         end = start + 1
         while end < min(start + size, len(items)) and _goes_on(first, items[end]):
             end += 1
@@ -69,13 +75,20 @@ def shapes_of(items: Sequence[FenceItem]) -> list[FenceShape]:
     return shapes
 
 
+def _corners(item: FenceItem) -> int:
+    """That it says its polygon has; none where that is no number, 1 of what is no polygon."""
+    if item.command not in POLYGONS:
+        return 1
+    return round(item.param1) if math.isfinite(item.param1) else 0
+
+
 def _goes_on(first: FenceItem, item: FenceItem) -> bool:
     return (item.command, item.param1) == (first.command, first.param1)
 
 
 def missing_corners(shape: FenceShape) -> int:
-    """Of a polygon that ends early."""
-    return round(shape[0].param1) - len(shape) if shape[0].command in POLYGONS else 0
+    """Of a polygon that ends early; other than 0, too, where its number of corners is none."""
+    return _corners(shape[0]) - len(shape)
 
 
 def is_circle(shape: FenceShape) -> bool:
@@ -98,11 +111,11 @@ def parted(
 ) -> tuple[list[FenceShape], list[FenceShape], list[FenceShape]]:
     """Shapes that are there and known, there and not known, known and no longer there; each known one counts
     for one that is there. Known shapes are as they were read back, so they are found again exactly."""
-    left = Counter(_key(shape) for shape in known)
-    by_key = {_key(shape): shape for shape in known}
+    left = Counter(key_of(shape) for shape in known)
+    by_key = {key_of(shape): shape for shape in known}
     found, others = [], []
     for shape in there:
-        key = _key(shape)
+        key = key_of(shape)
         if left[key] > 0:
             left[key] -= 1
             found.append(shape)
@@ -112,5 +125,6 @@ def parted(
     return found, others, missing
 
 
-def _key(shape: FenceShape) -> tuple[tuple[int, float, int, int], ...]:
-    return tuple((item.command, item.param1, item.latitude_e7, item.longitude_e7) for item in shape)
+def key_of(shape: FenceShape) -> tuple[tuple[int, str, int, int], ...]:
+    """What tells shapes apart; of numbers the text, because what is no number is not equal to itself."""
+    return tuple((item.command, str(item.param1), item.latitude_e7, item.longitude_e7) for item in shape)

@@ -37,6 +37,9 @@ _STORED_MARGIN_M = 0.012
 """Some autopilots lose the last of the 7 decimals."""
 _ANY_CORNER = 1e3
 _BOX_MARGIN_M = 0.1
+_POLE_E7 = 900_000_000
+_WIDEST_M = 2.01e7
+"""To the other side of the Earth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,15 +122,18 @@ def float32_above(value: float) -> float:
 
 
 def ground_of(shape: FenceShape, georeference: Georeference) -> Polygon | None:
-    """What a shape closes, in local metres at the height of the anchor; None for one that closes nothing."""
+    """What a shape closes, in local metres at the height of the anchor; None for one that closes nothing, as
+    one of others that lies nowhere on Earth or is no number of metres wide."""
     import shapely
 
     first = shape[0]
+    if any(abs(item.latitude_e7) > _POLE_E7 for item in shape) or math.isnan(first.param1):
+        return None
     longitude = [item.longitude_e7 * 1e-7 for item in shape]
     latitude = [item.latitude_e7 * 1e-7 for item in shape]
     corners = georeference.local_from_geodetic(latitude, longitude, georeference.height_m)[:, :2]
     if first.command in POLYGONS and len(shape) >= 3:
         return shapely.convex_hull(bad) if not (bad := shapely.Polygon(corners)).is_valid else bad
     if first.command in CIRCLES:
-        return grown(shapely.Point(corners[0]), first.param1)
+        return grown(shapely.Point(corners[0]), min(first.param1, _WIDEST_M))
     return None

@@ -6,7 +6,7 @@ PX4 does not: `vehicle_memory`); and no list is replaced before it is known what
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -49,6 +49,11 @@ TEXTS_S = 1.0
 """Autopilots say what they think of a fence after they took it."""
 _UPLOADS = 4
 """Of one list over a link that loses packets."""
+_LONG_S = 1.0
+"""After which what was read is read again before it is replaced: in it somebody else may have written."""
+_ROUNDED_E7 = 200
+"""float32 loses up to 76 of longitudes beyond 128 degrees."""
+_DEGREE_M = 111_700.0
 _REFUSALS = 12
 """Each asks for a quarter less: 12 lead from 63 items to 1."""
 _PAUSE_S = 0.3
@@ -125,14 +130,14 @@ class FenceKeeper:
         """Make our part of the fence cover the zones, and nothing else. FenceError or ValueError where it
         could not be done; the fence is then as it was."""
         with writable_folder(self._folder, parents=True):
-            return self._put(zones, georeference)
+            return _unless_rewritten(lambda: self._put(zones, georeference))
 
     def _put(self, zones: Sequence[Zone], georeference: Georeference) -> FenceReport:
         station, events = self.station, list(_of_zones(zones))
         events += self.enforcement() if zones else []
         self._locate()
         memory, before = recall(self.memory_path), self._download()
-        there = shapes_of(before)
+        there, read_s = shapes_of(before), station.clock()
         found, others, missing = memory.parted(there)
         events += [*_of_others(others, missing, memory), *_of_a_second(memory, self._kept)]
         station.vehicle.texts.clear()
@@ -147,8 +152,18 @@ class FenceKeeper:
             if written or fence.shapes:
                 _require_whole(others)
             if written:
+                if station.clock() - read_s > _LONG_S:
+                    _require_same(before, self._download())
                 self._remember(memory.before(fence.shapes, found, others, there))
-            result, held = self._replace(items_of(wanted)) if written else (MissionResult.ACCEPTED, before)
+            try:
+                result, held = (
+                    self._replace(items_of(wanted), before) if written else (MissionResult.ACCEPTED, before)
+                )
+            except _Rounded as error:  # it stands there, and is not to stay beside what is sent next
+                ours = _as_read(fence.shapes, wanted, shapes_of(error.held))
+                self._remember(VehicleMemory(ours, tuple(others), memory.most, is_first=False))
+                raise
+            read_s = station.clock()
             if result == MissionResult.ACCEPTED:
                 break
             stays = _what_stays(before, held)
@@ -167,6 +182,9 @@ class FenceKeeper:
 
     def clear(self, *, everything: bool = False) -> FenceReport:
         """Remove our part of the fence, or all of it."""
+        return _unless_rewritten(lambda: self._clear(everything))
+
+    def _clear(self, everything: bool) -> FenceReport:
         memory, before = recall(self.memory_path), self._download()
         found, others, missing = memory.parted(shapes_of(before))
         kept = [] if everything else others
@@ -176,7 +194,7 @@ class FenceKeeper:
         events = [] if everything else list(_of_others(others, missing, memory))
         if written:
             self._remember(memory.before((), found, kept, shapes_of(before)))
-            result, held = self._replace(wanted)
+            result, held = self._replace(wanted, before)
             if result != MissionResult.ACCEPTED:
                 raise FenceError(self._refused(result, _what_stays(before, held)))
         self._remember(VehicleMemory((), tuple(kept), memory.most, is_first=False))
@@ -228,11 +246,14 @@ class FenceKeeper:
     def _download(self) -> tuple[FenceItem, ...]:
         return self.station.hold(download(self.station.clock, self.station.patience))
 
-    def _replace(self, wanted: Sequence[FenceItem]) -> tuple[int, tuple[FenceItem, ...]]:
+    def _replace(
+        self, wanted: Sequence[FenceItem], before: Sequence[FenceItem]
+    ) -> tuple[int, tuple[FenceItem, ...]]:
         """Upload until the vehicle says something of it, and what it holds then. After silence its list tells
         whether it was taken, and after a refusal: ArduPilot says "error" where its last item comes again, as
-        it does after an "accepted" that was lost. Over a link that brings old packets late, another list may
-        have been taken."""
+        it does after an "accepted" that was lost. Over a link that brings old packets late, some of another
+        list may have been taken. `_Rewritten` where items stand there that nobody of us sent: the list of
+        somebody else, who wrote after ours was taken and whose shapes a second upload would remove."""
         station = self.station
         for attempt in range(_UPLOADS):
             silence = None
@@ -246,6 +267,10 @@ class FenceKeeper:
                 raise Silence(f"{error}; {_MAYBE_TAKEN}") from error
             if are_same(held, wanted):
                 return MissionResult.ACCEPTED, held
+            if _are_rounded(held, wanted):
+                raise _Rounded(wanted, held)
+            if _are_of_somebody_else(held, [*before, *wanted]):
+                raise _Rewritten(str(_differs(wanted, held)))
             if result != MissionResult.ACCEPTED:
                 return result, held
             if attempt == _UPLOADS - 1:
@@ -285,6 +310,60 @@ class FenceKeeper:
         self._find_position()
         if self.station.vehicle.home is None:
             self.find_home()
+
+
+class _Rewritten(FenceError):
+    """Somebody else wrote the fence after it was read: it is to be read again first."""
+
+
+class _Rounded(FenceError):
+    """The vehicle took the list, and keeps other places than those that were sent."""
+
+    def __init__(self, wanted: Sequence[FenceItem], held: tuple[FenceItem, ...]) -> None:
+        pairs = list(zip(wanted, held, strict=True))
+        off_m = max(_DEGREE_M * max(_apart_e7(*pair)) / 1e7 for pair in pairs)
+        super().__init__(
+            f"the vehicle took the fence and keeps its corners elsewhere, up to {off_m:.2g} m from where "
+            "they were sent, so zones may not be covered: its firmware loses digits of a degree; use one "
+            "that keeps 7 (MISSION_ITEM_INT)"
+        )
+        self.held = held
+
+
+def _unless_rewritten(write: Callable[[], FenceReport]) -> FenceReport:
+    """Written; from its beginning where somebody else wrote meanwhile, whose shapes are kept."""
+    for attempt in range(_UPLOADS):
+        try:
+            return write()
+        except _Rewritten:
+            if attempt == _UPLOADS - 1:
+                raise
+    raise AssertionError("the last one returns or raises")
+
+
+def _require_same(before: Sequence[FenceItem], now: Sequence[FenceItem]) -> None:
+    if not are_same(before, now):
+        raise _Rewritten(
+            f"somebody else writes the fence all the time: of {len(before)} items that were read {len(now)} "
+            "were there a little later, or others; nothing was sent. Find out who, then send again"
+        )
+
+
+def _are_rounded(held: Sequence[FenceItem], wanted: Sequence[FenceItem]) -> bool:
+    """Whether it is the list that was sent, each place a little off."""
+    return len(held) == len(wanted) and all(
+        (one.command, one.param1) == (other.command, other.param1)
+        and max(_apart_e7(one, other)) <= _ROUNDED_E7
+        for one, other in zip(held, wanted, strict=True)
+    )
+
+
+def _apart_e7(one: FenceItem, other: FenceItem) -> tuple[int, int]:
+    return abs(one.latitude_e7 - other.latitude_e7), abs(one.longitude_e7 - other.longitude_e7)
+
+
+def _are_of_somebody_else(held: Sequence[FenceItem], known: Sequence[FenceItem]) -> bool:
+    return any(not any(item.is_same(one) for one in known) for item in held)
 
 
 def _size(capacity: Capacity) -> int:

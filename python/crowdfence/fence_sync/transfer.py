@@ -105,7 +105,13 @@ def _items(count: int, clock: Clock, patience: Patience) -> Conversation[tuple[F
     """None where the vehicle says another length meanwhile, an error, or nothing."""
     items: list[FenceItem] = []
     few = replace(patience, tries=min(patience.tries, _ITEM_TRIES))
+    give_up_s = clock() + patience.longest_s
     for seq in range(count):
+        if clock() > give_up_s:
+            raise FenceError(
+                f"the fence could not be read: {seq} of its {count} items came in {patience.longest_s:g} s; "
+                "check the link, and whether the vehicle holds so many"
+            )
 
         def answer(heard: Message, seq: int = seq) -> Message | None:
             _require_readable(heard)

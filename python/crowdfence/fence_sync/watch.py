@@ -16,7 +16,7 @@ from crowdfence.fence_sync.conversation import Clock
 from crowdfence.fence_sync.debounce import Debounce
 from crowdfence.fence_sync.fence_error import FenceError
 from crowdfence.fence_sync.fence_event import FenceEvent
-from crowdfence.fence_sync.fence_item import FenceShape
+from crowdfence.fence_sync.fence_item import FenceShape, key_of
 from crowdfence.fence_sync.inside import is_closed
 from crowdfence.fence_sync.messages import Position
 from crowdfence.fence_sync.synchronise import FenceKeeper
@@ -239,7 +239,7 @@ class FenceWatch:
             self._say_while(("failed",), [])
         self._say_while(("not_enforced", "autopilot_unknown"), unkept)
         self._keeper.find_home()
-        if shapes != self._shapes and self._alive is not None:
+        if _keys(shapes) != _keys(self._shapes) and self._alive is not None:
             self._debounce.failed(float("-inf"))
 
     def _say_while(self, kinds: Collection[str], events: Iterable[FenceEvent]) -> None:
@@ -261,6 +261,10 @@ class FenceWatch:
         return suggestion != told.details["suggestion"] or (
             suggestion == "evacuate" and is_closed(place, self._shapes, self._placed.georeference)
         )
+
+
+def _keys(shapes: Iterable[FenceShape]) -> list[object]:
+    return [key_of(shape) for shape in shapes]
 
 
 def _what(event: FenceEvent) -> tuple[str, str]:
