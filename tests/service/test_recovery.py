@@ -197,6 +197,69 @@ def test_a_damaged_tail_is_put_aside_and_told(tmp_path: Path) -> None:
         assert service.live is not None and sum(service.live.heard.accepted.values()) == 4
 
 
+def test_what_operators_closed_behind_a_damaged_record_stays_closed(tmp_path: Path) -> None:
+    """One view that could not be read opened the ground that an operator had closed after it."""
+    flown = views(10)
+    with running(tmp_path / "data", settings=_no_snapshots()) as service, asked(service) as http:
+        give(service, flown)
+        drawn = {"polygon": [[50, 50], [55, 50], [55, 55]], "reason": "ambulance"}
+        added = http.post("/api/v1/zones", json=drawn).json()["id"]
+        assert http.post("/api/v1/zones/Z1/lock", json={"reason": "stage"}).status_code == 200
+        assert http.post("/api/v1/zones/Z1/unlock", json={"reason": "over"}).status_code == 200
+        assert http.post("/api/v1/zones/Z1/lock", json={"reason": "again"}).status_code == 200
+        assert http.post("/api/v1/drones/uav2/leave-out", json={"reason": "covered"}).status_code == 204
+        crash(tmp_path / "data", tmp_path / "crashed")
+    damage(tmp_path / "crashed", "UPDATE journal SET body = x'00' WHERE seq = 30")
+    with running(tmp_path / "crashed", settings=_no_snapshots()) as service, asked(service) as http:
+        (alert,) = [alert for alert in service.alerts.all() if alert.kind == "records_damaged"]
+        assert alert.text.startswith("6 records at the end of the journal are damaged and put aside")
+        # The second lock of a zone that is locked already is the same again.
+        assert "5 of them tell what operators did, of which 4 that close are done again" in alert.text
+        zones = {zone["id"]: zone for zone in http.get("/api/v1/zones").json()["zones"]}
+        assert zones[added]["why"] == "local closed it: ambulance" and zones["Z1"]["locked"]
+        assert [one.reason for one in service.mission.left_out] == ["covered"]
+        settle(service)
+        crash(tmp_path / "crashed", tmp_path / "again")
+        expected = state(service)
+    with running(tmp_path / "again", settings=_no_snapshots()) as service:
+        assert state(service) == expected and not service.store.rows("SELECT 1 FROM journal WHERE seq > 33")
+
+
+@pytest.mark.parametrize("where", ["body = 'text'", "drone = CAST(x'ff' AS TEXT)", "checksum = 'x'"])
+def test_a_record_that_is_damaged_in_any_field_is_put_aside(tmp_path: Path, where: str) -> None:
+    """A text in place of bytes, or no text at all, ended the start with an error of Python's or SQLite's."""
+    with running(tmp_path / "data", settings=_no_snapshots()) as service:
+        give(service, views(4)[:8])
+        expected = state(service)
+        give(service, views(4)[8:])
+        crash(tmp_path / "data", tmp_path / "crashed")
+    damage(tmp_path / "crashed", f"UPDATE journal SET {where} WHERE seq = 9")
+    with running(tmp_path / "crashed", settings=_no_snapshots()) as service:
+        assert state(service) == expected
+        (alert,) = [alert for alert in service.alerts.all() if alert.kind == "records_damaged"]
+        assert alert.text.startswith("4 records")
+
+
+@pytest.mark.parametrize(
+    "body", ["'{'", "'[]'", "x'00'", "CAST(x'7bff' AS TEXT)", "replace(body, '\"level\"', '\"levil\"')"]
+)
+def test_an_alert_that_is_damaged_stops_nothing_and_is_told(tmp_path: Path, body: str) -> None:
+    """One damaged byte in an old alert, and the service did not start any more."""
+    with running(tmp_path / "data") as service:
+        give(service, views(3))
+        service.alerts.raise_("disk", "alarm", "nearly full", START_NS)
+        service.alerts.raise_("clock", "alarm", "clock of uav1", START_NS, drone="uav1")
+        service.store.flush()
+        crash(tmp_path / "data", tmp_path / "crashed")
+        expected = state(service)
+    damage(tmp_path / "crashed", f"UPDATE alerts SET body = {body} WHERE body LIKE '%nearly full%'")
+    with running(tmp_path / "crashed") as service:
+        assert state(service) == expected
+        told = [alert.text for alert in service.alerts.all()]
+        assert told[0] == "1 alerts of before are damaged, and what they told is not known"
+        assert "clock of uav1" in told and "nearly full" not in told
+
+
 def test_damaged_records_are_told_each_time_also_while_the_disk_is_nearly_full(tmp_path: Path) -> None:
     """Whatever was told before and is not over, and whether somebody has looked or not."""
     with running(tmp_path / "0", settings=_no_snapshots()) as service:
@@ -248,11 +311,13 @@ def flown_for_long(folder: Path) -> None:
     [
         "UPDATE snapshots SET body = zeroblob(50)",
         "UPDATE snapshots SET seq = seq + 1000, body = x'00', checksum = 3523407757",
+        "UPDATE snapshots SET body = 'text'",
+        "UPDATE snapshots SET seq = seq - 1",
         "DELETE FROM snapshots",
         "DELETE FROM journal WHERE seq < (SELECT MAX(seq) FROM journal);"
         "DELETE FROM snapshots WHERE seq >= (SELECT MAX(seq) - 1 FROM journal)",
     ],
-    ids=["checksums", "another build", "none", "records between are gone"],
+    ids=["checksums", "another build", "no bytes", "of other places", "none", "records between are gone"],
 )
 def test_without_a_snapshot_that_fits_the_journal_the_service_does_not_begin_anew(
     tmp_path: Path, damaging: str
@@ -268,6 +333,19 @@ def test_without_a_snapshot_that_fits_the_journal_the_service_does_not_begin_ane
     assert str(tmp_path / FILE) in str(told.value)
     with sqlite3.connect(tmp_path / FILE) as connection:
         assert connection.execute("SELECT seq, body FROM journal").fetchall() == kept, "nothing was touched"
+
+
+def test_a_record_that_is_missing_in_the_middle_is_no_journal(tmp_path: Path) -> None:
+    """Only the first one behind the snapshot was looked for: the map went on without what was gone."""
+    with running(tmp_path / "data", settings=_no_snapshots()) as service:
+        give(service, views(4))
+        crash(tmp_path / "data", tmp_path / "crashed")
+    damage(tmp_path / "crashed", "DELETE FROM journal WHERE seq IN (6, 7)")
+    with (
+        pytest.raises(StoreError, match="records 6 to 7 are gone"),
+        running(tmp_path / "crashed", settings=_no_snapshots()),
+    ):
+        pass
 
 
 def test_each_damaged_snapshot_is_in_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

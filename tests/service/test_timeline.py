@@ -214,3 +214,20 @@ def test_a_crowd_that_grew_while_the_disk_was_full_is_not_told_as_it_was_before(
     with pytest.raises(LostMomentError):
         timeline.at(3_000_000_000)
     store.close()
+
+
+@pytest.mark.parametrize("field", ["line = x'00'", "line = 'text'", "marks = '{'", "figures = '{'"])
+def test_a_moment_that_is_damaged_is_said_not_to_be_known(tmp_path: Path, field: str) -> None:
+    """Who asked for it, or for one that rests on it, got an error 500."""
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    for number in (1, 2, 3):
+        given = Zone.of_no_look(f"S{number}", shapely.box(0, 0, 2, 2), "static", "given")
+        zones = ZoneSet((), 0.5, 0.0, 0, 0.0, static=(given,))
+        timeline.add(Moment(number, number * 1_000_000_000, zones, {}, {}))
+    store.written(lambda connection: connection.execute(f"UPDATE moments SET {field} WHERE number = 2"))
+    first = timeline.at(1_000_000_000)
+    with pytest.raises(LostMomentError, match="moment 2 of the history is damaged"):
+        timeline.at(2_500_000_000)
+    store.close()
+    assert first is not None and [zone.id for zone in first.zones.static] == ["S1"]

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from threading import Lock
 from typing import Any, Literal
 
+from crowdfence.errors import one_line
 from crowdfence.service.stamps import moment_json
 from crowdfence.service.store import Store
 
@@ -113,13 +114,14 @@ class Alerts:
         """Those of them that are active by kind and drone, in the same order: every view asks for some."""
         self._happened_ns: dict[str, int] = {}
         """By the ids of those that are active: when it happened last since the start."""
-        for (body,) in store.rows(
-            "SELECT body FROM (SELECT body, rowid AS place FROM alerts ORDER BY rowid DESC LIMIT ?) "
+        self._count = self.unread = 0
+        """The number of the newest, and how many of before are damaged."""
+        for name, body in store.rows(
+            "SELECT id, body FROM (SELECT id, body, rowid AS place FROM alerts ORDER BY rowid DESC LIMIT ?) "
             "ORDER BY place",
             (_REMEMBERED,),
         ):
-            self._remember(Alert(**json.loads(body)))
-        self._count = max((int(name[1:]) for name in self._alerts), default=0)
+            self._recall(name, body)
         self.on_change: Callable[[Alert], None] = lambda alert: None
 
     def all(self) -> list[Alert]:
@@ -222,6 +224,20 @@ class Alerts:
             seen = self._keep(replace(known, acknowledged_by=user, acknowledged_ns=now_ns))
         self.on_change(seen)
         return seen
+
+    def _recall(self, name: Any, body: Any) -> None:
+        """One that was written; one that is damaged stops nothing."""
+        try:
+            alert = Alert(**json.loads(body))
+            number = int(alert.id[1:])
+            if alert.level not in _LOG_LEVELS or not isinstance(alert.raised_ns, int):
+                raise ValueError(f"level {alert.level!r}, raised {alert.raised_ns!r}")
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
+            _LOG.error("alert %r cannot be read: %s", name, one_line(error))
+            self.unread += 1
+            return
+        self._count = max(self._count, number)
+        self._remember(alert)
 
     def _remember(self, alert: Alert) -> None:
         self._alerts[alert.id] = alert

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -21,11 +22,13 @@ from crowdfence.service.guard import Guard, Rate
 from crowdfence.service.routes import alerts, base_map, drones, health, ingest, operator, scene, zones
 from crowdfence.service.routes.asking import cookie_of, user_or_none
 from crowdfence.service.service import Service
+from crowdfence.service.store import StoreError
 from crowdfence.service.timeline import LostMomentError
 from crowdfence.service.zone_set_json import ANY_VERSION
 
 PAGE = Path(__file__).parent / "page"
 API = "/api/v1"
+_LOG = logging.getLogger(__name__)
 _NO_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>crowdfence</title>
 <body><h1>crowdfence</h1><p>The service runs. Its map page was not built: <code>make page</code> builds
 it.</p> <p>The interface is described in <a
@@ -79,6 +82,7 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
 
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(LostMomentError, _lost)
+    app.add_exception_handler(StoreError, _unread)
 
     @app.api_route("/", methods=["GET", "HEAD"], include_in_schema=False)
     def page(request: Request) -> Response:
@@ -143,6 +147,11 @@ def _invalid(request: Request, error: Exception) -> Response:
 
 def _lost(request: Request, error: Exception) -> Response:
     return JSONResponse({"detail": str(error)}, 404)
+
+
+def _unread(request: Request, error: Exception) -> Response:
+    _LOG.error("%s", error)
+    return JSONResponse({"detail": str(error)}, 503)
 
 
 def _heads(router: APIRouter) -> APIRouter:

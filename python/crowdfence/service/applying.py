@@ -25,7 +25,7 @@ from crowdfence.service.gate import Gate
 from crowdfence.service.gathering import Gathering
 from crowdfence.service.heard import Heard
 from crowdfence.service.heatmap_doubts import HeatmapDoubts
-from crowdfence.service.journal import Journal, Record
+from crowdfence.service.journal import Journal, PutAside, Record
 from crowdfence.service.left_out import DroneAction
 from crowdfence.service.media import Media, heatmap_png
 from crowdfence.service.mission import Mission
@@ -38,6 +38,8 @@ from crowdfence.sources.recording import RefusedFrame
 
 _LOG = logging.getLogger(__name__)
 _SECOND_NS = 1_000_000_000
+_CLOSING = ("add", "lock", "leave_out")
+"""What operators do that opens nothing."""
 _APART_NS = 200_000
 """From one instant to one of the same stamp or an older one that comes behind it. Closer ones are taken for
 stamps in a larger unit on the clock of a simulation (`crates/crowdfence/src/stamp.rs`)."""
@@ -128,19 +130,35 @@ class Applying:
 
     # -- from beginning to end ---------------------------------------------------------------------------
 
-    def recover(self) -> int:
-        """Make the state again; how many damaged records were left out. StoreError where what was accepted is
-        not all there."""
+    def recover(self) -> str | None:
+        """Make the state again; what was left out of it because it is damaged, None for nothing. StoreError
+        where what was accepted is not all there."""
         self._recovering = True
         self._journal.restore_newest(self._restore)
-        records, damaged = self._journal.after(self._applied)
+        records, aside = self._journal.after(self._applied)
         for record in records:
             self._apply(record)
+        recovered = self._applied
+        again = sum(self._close_again(record) for record in aside.operators)
         self._recovering = False
-        if self._applied or damaged:
-            told = {"records": len(records), "damaged": damaged, "seq": self._applied}
-            _LOG.info("recovered: it is as after record %d of the journal", self._applied, extra=told)
-        return damaged
+        if recovered or aside.records:
+            told = {"records": len(records), "damaged": aside.records, "seq": recovered}
+            _LOG.info("recovered: it is as after record %d of the journal", recovered, extra=told)
+        return _left_out(aside, again) if aside.records else None
+
+    def _close_again(self, record: Record) -> bool:
+        """What an operator closed behind a damaged record is closed again: a view that cannot be read must
+        not open it. What operators opened behind it stays closed. Whether there was something to do."""
+        action = _action(record)
+        with self._mission.lock:
+            try:
+                self._mission.check(action)
+            except ValueError:  # of a zone that is not there any more
+                return False
+        if action.action not in _CLOSING:
+            return False
+        self._apply(self._journal.append_again(record))
+        return True
 
     def apply_static(self) -> None:
         """Close the static zones of now, where those of before were others. Between `recover` and `start`."""
@@ -199,8 +217,7 @@ class Applying:
 
     def _act(self, record: Record) -> None:
         mission = self._mission
-        told = json.loads(record.body)
-        action = DroneAction(**told) if "drone" in told else OperatorAction(**told)
+        action = _action(record)
         decided = self._decided.pop(record.seq, None)
         with mission.lock:
             try:
@@ -391,6 +408,7 @@ class Applying:
         """The state after the last record that was applied."""
         told = {
             **self.gathering.to_json(),
+            "seq": self._applied,
             "far_looks": self.detecting.far_looks.to_json(),
             "last_ns": self.last_ns,
             "last_view_ns": dict(sorted(dict(self._heard.last_view_ns).items())),
@@ -411,6 +429,8 @@ class Applying:
         """All of a snapshot or, where it fails, nothing: the one before it may do."""
         told_bytes, mission = unpacked(body)
         told = json.loads(told_bytes)
+        if told.get("seq", seq) != seq:  # builds of before did not say
+            raise ValueError(f"snapshot {seq} is the one of record {told['seq']}")
         waiting = [record for place in told["waiting"] if (record := self._journal.record(place)) is not None]
         if len(waiting) < len(told["waiting"]):
             raise ValueError(f"snapshot {seq} needs records that are gone")
@@ -436,3 +456,20 @@ class Applying:
             self._heard.view(record.drone, record.stamp_ns)
             self._clock.saw(record.stamp_ns)
         self._take_with(instants, too_late)
+
+
+def _action(record: Record) -> OperatorAction | DroneAction:
+    told = json.loads(record.body)
+    return DroneAction(**told) if "drone" in told else OperatorAction(**told)
+
+
+def _left_out(aside: PutAside, again: int) -> str:
+    """In words."""
+    lines = [f"{aside.records} records at the end of the journal are damaged and put aside: zones may be old"]
+    operators = len(aside.operators) + aside.unread_operators
+    if operators:
+        lines.append(
+            f"{operators} of them tell what operators did, of which {again} that close are done again; the "
+            "list of their actions has all"
+        )
+    return "; ".join(lines)

@@ -13,7 +13,8 @@ import zlib
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
 
 from crowdfence.service.store import BEGIN_ANEW, Store, StoreError, Write
 
@@ -47,6 +48,16 @@ class Record:
         return replace(self, seq=seq)
 
 
+class PutAside(NamedTuple):
+    """Records from the first damaged one to the end."""
+
+    records: int
+    operators: list[Record]
+    """Those of them that tell what operators did, and are whole."""
+    unread_operators: int
+    """Those of operators that are not."""
+
+
 class Journal:
     """Records and snapshots in a store."""
 
@@ -59,25 +70,11 @@ class Journal:
         """Write it, and what must be written with it or not at all; its place comes once it is on disk.
         sqlite3.IntegrityError for a view that is there already, other sqlite3.Error where it cannot be
         written. `then` is called in the order of the places."""
-        row = (
-            record.kind,
-            record.drone,
-            record.stamp_ns,
-            record.received_ns,
-            record.checksum,
-            record.body,
-        )
+        return self._store.submit(_writing(record, beside), then, size=len(record.body))
 
-        def write(connection: sqlite3.Connection) -> int | None:
-            if beside is not None:
-                beside(connection)
-            return connection.execute(
-                "INSERT INTO journal (kind, drone, stamp_ns, received_ns, checksum, body) "
-                "VALUES (?, ?, ?, ?, ?, ?)",
-                row,
-            ).lastrowid
-
-        return self._store.submit(write, then, size=len(record.body))
+    def append_again(self, record: Record) -> Record:
+        """Write, behind all others, what was put aside; at its new place. StoreError."""
+        return record.at(self._store.written(_writing(record)))
 
     def place_of(self, kind: RecordKind, drone: str, stamp_ns: int) -> int | None:
         """Of a view that is there already."""
@@ -89,9 +86,9 @@ class Journal:
         )
         return rows[0][0] if rows else None
 
-    def after(self, seq: int) -> tuple[list[Record], int]:
-        """The records behind a place, in order, up to the first that is damaged; how many that leaves out.
-        Those are put aside. StoreError where the first of them is not the next one."""
+    def after(self, seq: int) -> tuple[list[Record], PutAside]:
+        """The records behind a place, in order, up to the first that is damaged; the others are put aside.
+        StoreError where one is missing."""
         records = [
             (_record(row), row[5])
             for row in self._store.rows(
@@ -100,15 +97,20 @@ class Journal:
                 (seq,),
             )
         ]
-        if records:
-            self._check_next(seq, records[0][0].seq)
+        places = [seq, *(record.seq for record, _ in records)]
+        for applied, place in pairwise(places):
+            if place != applied + 1:
+                self._check_next(applied, place)
         whole = next(
             (number for number, (record, checksum) in enumerate(records) if record.checksum != checksum),
             len(records),
         )
         if whole < len(records):
             self._put_aside(records[whole][0].seq)
-        return [record for record, _ in records[:whole]], len(records) - whole
+        operators = [one for one in records[whole:] if one[0].kind == "operator"]
+        readable = [record for record, checksum in operators if record.checksum == checksum]
+        aside = PutAside(len(records) - whole, readable, len(operators) - len(readable))
+        return [record for record, _ in records[:whole]], aside
 
     def _check_next(self, applied: int, first: int) -> None:
         """The places of records that were put aside are given again; builds of before left them empty."""
@@ -171,7 +173,7 @@ class Journal:
         snapshots and none can be used: records that they stand for may be gone."""
         rows = self._store.rows("SELECT seq, checksum, body FROM snapshots ORDER BY seq DESC")
         for seq, checksum, body in rows:
-            if zlib.crc32(body) != checksum:
+            if not isinstance(body, bytes) or zlib.crc32(body) != checksum:
                 _LOG.error("snapshot %s is damaged: its checksum does not fit", seq)
                 continue
             try:
@@ -186,6 +188,24 @@ class Journal:
             )
 
 
+def _writing(record: Record, beside: Write | None = None) -> Write:
+    """The place of a record, once it is written with what belongs to it."""
+    row = (record.kind, record.drone, record.stamp_ns, record.received_ns, record.checksum, record.body)
+
+    def write(connection: sqlite3.Connection) -> int | None:
+        if beside is not None:
+            beside(connection)
+        return connection.execute(
+            "INSERT INTO journal (kind, drone, stamp_ns, received_ns, checksum, body) "
+            "VALUES (?, ?, ?, ?, ?, ?)",
+            row,
+        ).lastrowid
+
+    return write
+
+
 def _record(row: Sequence[Any]) -> Record:
     seq, kind, drone, stamp_ns, received_ns, _, body = row
+    if not isinstance(body, bytes):  # damaged, so that its checksum does not fit
+        body = b""
     return Record(seq, kind, drone, stamp_ns, received_ns, body)

@@ -174,9 +174,12 @@ def live(
         damaged = going.applying.recover()
         clock.saw(going.newest_ns)
         _check_clock(store, clock, going.newest_ns, settings.max_ahead_s)
-        if damaged:
-            text = f"{damaged} records at the end of the journal are damaged and put aside: zones may be old"
-            service.alerts.raise_("records_damaged", "alarm", text, clock.now_ns())
+        unread = service.alerts.unread
+        if unread:
+            lost = f"{unread} alerts of before are damaged, and what they told is not known"
+            damaged = f"{damaged}; {lost}" if damaged else lost
+        if damaged is not None:
+            service.alerts.raise_("records_damaged", "alarm", damaged, clock.now_ns())
             # It happened, and does not hold: the next time is told anew, and this one until somebody looked.
             service.alerts.clear("records_damaged", clock.now_ns())
         service.live = going

@@ -16,6 +16,7 @@ import sqlite3
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import closing, suppress
+from functools import partial
 from pathlib import Path
 from threading import Lock, Thread
 from typing import Any, NamedTuple, TextIO
@@ -113,6 +114,8 @@ class Store:
             self._writer = self._opened(durable)
             for _ in range(_READERS):
                 reader = sqlite3.connect(self.path, check_same_thread=False)
+                # Damaged text is for who reads it to find, who knows what to do without it.
+                reader.text_factory = partial(str, encoding="utf-8", errors="replace")
                 self._readers.put(reader)
                 reader.execute("PRAGMA query_only = 1")
         except sqlite3.Error as error:

@@ -6,6 +6,7 @@ import json
 import sqlite3
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -116,15 +117,17 @@ class Timeline:
             # Outlines of before are not taken for those that it would have told.
             if at_number != place:
                 raise LostMomentError(_LOST.format(place))
-            zones = zone_set_of_line(json.loads(zlib.decompress(line)), zones)
+            with _readable(at_number):
+                zones = zone_set_of_line(json.loads(zlib.decompress(line)), zones)
         if zones is None:
             return None
         _, _, _, marks, figures = rows[-1]
         ((following,),) = self._store.rows("SELECT MIN(number) FROM moments WHERE number > ?", (number,))
         if stamp_ns > then_ns and following not in (None, number + 1):
             raise LostMomentError(_LOST.format(number + 1))
-        told = json.loads(figures)
-        return Moment(number, then_ns, zones, json.loads(marks), {k: told[k] for k in told if k not in _OWN})
+        with _readable(number):
+            told = {k: value for k, value in dict(json.loads(figures)).items() if k not in _OWN}
+            return Moment(number, then_ns, zones, dict(json.loads(marks)), told)
 
     def points(self) -> list[dict[str, Any]]:
         """Figures over time, at most `MOST_POINTS`, the newest among them."""
@@ -235,6 +238,7 @@ class Timeline:
 
 
 _LOST = "what was closed then is not known: nothing could be written at moment {} of the history"
+_DAMAGED = "what was closed then is not known: moment {} of the history is damaged"
 _LASTING = " OR ".join(
     f'figures LIKE \'%"kind":"{kind}"%\'' for kind in get_args(EventKind) if kind != "updated"
 )
@@ -242,6 +246,15 @@ _LASTING = " OR ".join(
 _OWN = ("of", "events", "static")
 _WITHOUT_OWN = f"json_remove(figures, {', '.join(repr(f'$.{name}') for name in _OWN)})"
 """In SQL: with many zones nearly all of a row is theirs, and it would be read here to be left out."""
+
+
+@contextmanager
+def _readable(number: int) -> Iterator[None]:
+    """LostMomentError for a moment that is damaged."""
+    try:
+        yield
+    except (zlib.error, ValueError, TypeError, LookupError, AttributeError) as error:
+        raise LostMomentError(_DAMAGED.format(number)) from error
 
 
 def _until(stamp_ns: int | None) -> int:
