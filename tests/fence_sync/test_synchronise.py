@@ -269,6 +269,16 @@ def test_a_vehicle_that_loses_digits_is_said_to_and_does_not_fill_up(tmp_path: P
     assert vehicle.items == []
 
 
+def test_a_list_that_was_not_kept_is_sent_again_however_little_it_differs(tmp_path: Path) -> None:
+    """What stands there then is the one before, a metre beside it, and no list whose digits were lost."""
+    vehicle = EmulatedVehicle()
+    keep = keeper(vehicle, tmp_path)
+    keep.put(FAR, HERE)
+    take, vehicle._take = vehicle._take, lambda items: setattr(vehicle, "_take", take)  # type: ignore[method-assign]
+    moved = [box(101.0, 100.0), box(201.0, -50.0, name="Z2")]
+    assert keep.put(moved, HERE).written and covers(vehicle, moved) and len(vehicle.lists) == 2
+
+
 def test_a_vehicle_with_less_room_is_learned_and_remembered(tmp_path: Path) -> None:
     zones = [box(100.0 + 60 * (i % 5), 60.0 * (i // 5), name=f"Z{i}") for i in range(15)]
     vehicle = EmulatedVehicle(capacity=15)

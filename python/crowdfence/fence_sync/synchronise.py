@@ -267,13 +267,16 @@ class FenceKeeper:
                 raise Silence(f"{error}; {_MAYBE_TAKEN}") from error
             if are_same(held, wanted):
                 return MissionResult.ACCEPTED, held
-            if _are_rounded(held, wanted):
+            is_last = attempt == _UPLOADS - 1
+            is_of_neither = _are_of_neither(held, [*before, *wanted])
+            # What was rounded before is rounded to the same again.
+            if (is_of_neither or is_last) and _are_rounded(held, wanted):
                 raise _Rounded(wanted, held)
-            if _are_of_somebody_else(held, [*before, *wanted]):
+            if is_of_neither:
                 raise _Rewritten(str(_differs(wanted, held)))
             if result != MissionResult.ACCEPTED:
                 return result, held
-            if attempt == _UPLOADS - 1:
+            if is_last:
                 raise silence or _differs(wanted, held)
         raise AssertionError("the last upload returns or raises")
 
@@ -362,7 +365,8 @@ def _apart_e7(one: FenceItem, other: FenceItem) -> tuple[int, int]:
     return abs(one.latitude_e7 - other.latitude_e7), abs(one.longitude_e7 - other.longitude_e7)
 
 
-def _are_of_somebody_else(held: Sequence[FenceItem], known: Sequence[FenceItem]) -> bool:
+def _are_of_neither(held: Sequence[FenceItem], known: Sequence[FenceItem]) -> bool:
+    """Whether items are there that were neither there before nor sent."""
     return any(not any(item.is_same(one) for one in known) for item in held)
 
 
