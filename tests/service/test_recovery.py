@@ -4,16 +4,20 @@ import json
 import random
 import sqlite3
 import zlib
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from starlette.testclient import TestClient
 
-from crowdfence import Detector, FrameLoop, Georeference
+from crowdfence import Detector, FrameLoop, Georeference, project
 from crowdfence.config import EvidenceConfig
+from crowdfence.service.gate import Refused
 from crowdfence.service.opening import live
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.service import Service
@@ -22,6 +26,7 @@ from crowdfence.zones.history import history_line
 from support.onnx_models import contract, write_map_model
 from support.small_service import (
     CONFIG,
+    DRONES,
     SETTINGS,
     START_NS,
     asked,
@@ -172,6 +177,70 @@ def test_operators_and_alerts_survive(tmp_path: Path) -> None:
             ("add", "ambulance"),
         ]
         assert any(alert["text"] == "nearly full" for alert in http.get("/api/v1/alerts").json()["alerts"])
+
+
+Given = tuple[str, Any]
+"""What is done, and with what."""
+
+
+def eventful(seed: int) -> list[Given]:
+    """A flight with views that are late, doubled, lost or projected on board, and operators in between."""
+    chance = random.Random(seed)
+    late = [(one.stamp_ns + chance.choice([0, 0, 0, 500_000_000, 2_000_000_000]), one) for one in views(14)]
+    done: list[Given] = []
+    for _, one in sorted(late, key=lambda pair: (pair[0], pair[1].drone)):
+        kind = chance.choice(["view"] * 8 + ["observation", "lost"])
+        done += [(kind, one)] * chance.choice([1, 1, 1, 2])
+        if chance.random() < 0.3:
+            operator = ["add", "lock", "unlock", "dismiss", "leave-out", "take-in"]
+            done.append((chance.choice(operator), chance.randrange(100)))
+    return done
+
+
+def do(service: Service, http: TestClient, given: Given) -> object:
+    """What the service answers."""
+    assert service.live is not None
+    kind, what = given
+    intake, crowd_map = service.live.intake, service.mission.loop.crowd_map
+    with suppress(Refused):
+        if kind == "view":
+            intake.give_view(message(what))
+        elif kind == "observation":
+            intake.give_observation(project(what, crowd_map.terrain, max_range_m=80.0).to_bytes())
+    settle(service)
+    if kind in ("view", "observation", "lost"):
+        return None
+    reason = {"reason": f"because of {what}"}
+    if kind == "add":
+        corners = [[what % 50, 5], [what % 50 + 5, 5], [what % 50, 9]]
+        return http.post("/api/v1/zones", json={"polygon": corners, **reason}).status_code
+    if kind in ("leave-out", "take-in"):
+        name = f"drones/{DRONES[what % 3]}"
+    else:
+        zones = http.get("/api/v1/zones").json()["zones"]
+        name = f"zones/{zones[what % len(zones)]['id'] if zones else 'Z1'}"
+    return http.post(f"/api/v1/{name}/{kind}", json=reason).status_code
+
+
+@pytest.mark.parametrize("seed", [3, 5, 6])
+def test_a_flight_with_operators_goes_on_after_a_crash_as_if_nothing_had_happened(
+    tmp_path: Path, seed: int
+) -> None:
+    flight = eventful(seed)
+    cut = random.Random(seed).randrange(len(flight) // 2, len(flight))
+    with running(tmp_path / "one") as service, asked(service) as http:
+        answers = [do(service, http, one) for one in flight[:cut]]
+        crash(tmp_path / "one", tmp_path / "crashed")
+        answers += [do(service, http, one) for one in flight[cut:]]
+        whole, newest = state(service), service.mission.newest
+    assert {200, 201, 204} <= set(answers), "operators did something of each kind"
+    with running(tmp_path / "crashed") as service, asked(service) as http:
+        assert [do(service, http, one) for one in flight[cut:]] == answers[cut:]
+        assert state(service) == whole
+        again = service.mission.newest
+    assert newest is not None and again is not None
+    assert (newest.number, newest.marks) == (again.number, again.marks)
+    assert history_line(0, newest.zones) == history_line(0, again.zones)
 
 
 def damage(folder: Path, statement: str) -> None:
