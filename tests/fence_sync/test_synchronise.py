@@ -653,6 +653,12 @@ def test_a_memory_that_is_damaged_or_cannot_be_written(tmp_path: Path) -> None:
     keep.memory_path.write_text(json.dumps({"format": "crowdfence fence memory", "version": 9}))
     with pytest.raises(FenceError, match="does not say what was written last.*remove it"):
         keep.put(FAR, HERE)
+    whole = {"format": "crowdfence fence memory", "version": 1, "ours": [], "others": [], "most": None}
+    item = [5004, 20.0, float("inf"), 1, 0, 0, 0, 0, 0]
+    for wrong in ({"most": []}, {"most": -3}, {"ours": [[item]]}, {"ours": [[]]}, {"sent": "text"}):
+        keep.memory_path.write_text(json.dumps({**whole, **wrong}))
+        with pytest.raises(FenceError, match="does not say what was written last.*remove it"):
+            keep.put(FAR, HERE)
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match="file"):
         keeper(vehicle, tmp_path / "file").put(FAR, HERE)

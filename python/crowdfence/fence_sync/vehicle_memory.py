@@ -126,8 +126,11 @@ def recall(path: Path) -> VehicleMemory:
         ours, others = _shapes(told["ours"]), _shapes(told["others"])
         sent = None if told.get("sent") is None else _shapes(told["sent"])
         beside, replaced = (_shapes(told.get(name, ())) for name in ("beside", "replaced"))
-        return VehicleMemory(ours, others, told["most"], told.get("is_first", False), sent, beside, replaced)
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        most = told["most"]
+        if most is not None and not (isinstance(most, int) and most >= 0):
+            raise ValueError(f"it holds {most!r} at most")
+        return VehicleMemory(ours, others, most, told.get("is_first", False), sent, beside, replaced)
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise FenceError(
             f"{path} does not say what was written last ({type(error).__name__} {error}); remove it, then "
             "everything on the vehicle counts as somebody else's and is kept"
@@ -152,6 +155,8 @@ def remember(path: Path, memory: VehicleMemory) -> None:
 
 
 def _shapes(lists: Sequence[Sequence[Sequence[float]]]) -> tuple[FenceShape, ...]:
+    if not all(lists):
+        raise ValueError("it has a shape of no items")
     return tuple(tuple(_item(values) for values in shape) for shape in lists)
 
 
