@@ -343,6 +343,14 @@ def test_a_shape_of_others_that_is_none_ends_no_watch(tmp_path: Path) -> None:
     assert watched.watch.alarms == ()
 
 
+def test_a_circle_of_others_without_end_is_one_alarm(tmp_path: Path) -> None:
+    """The vehicle was sent to the other side of the Earth, and elsewhere there at every look."""
+    watched = Watched(tmp_path, check_s=5.0)
+    watched.run(3.0)
+    watched.vehicle.items = [*watched.vehicle.items, (CIRCLE, math.inf, 473_977_000, 85_456_000)]
+    assert watched.run(30.0).count("vehicle_inside") == 1
+
+
 def test_a_home_that_is_set_in_the_fence_is_an_alarm(tmp_path: Path) -> None:
     """Whoever takes off elsewhere has another home; not every autopilot says so by itself."""
     watched = Watched(tmp_path, check_s=5.0)

@@ -38,8 +38,8 @@ _STORED_MARGIN_M = 0.012
 _ANY_CORNER = 1e3
 _BOX_MARGIN_M = 0.1
 _POLE_E7 = 900_000_000
-_WIDEST_M = 2.01e7
-"""To the other side of the Earth."""
+_ENDLESS_M = 1e5
+"""For a circle of others without end: a plane is no map farther away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,5 +135,6 @@ def ground_of(shape: FenceShape, georeference: Georeference) -> Polygon | None:
     if first.command in POLYGONS and len(shape) >= 3:
         return shapely.convex_hull(bad) if not (bad := shapely.Polygon(corners)).is_valid else bad
     if first.command in CIRCLES:
-        return grown(shapely.Point(corners[0]), min(first.param1, _WIDEST_M))
+        radius_m = first.param1 if math.isfinite(first.param1) else _ENDLESS_M
+        return grown(shapely.Point(corners[0]), radius_m)
     return None
