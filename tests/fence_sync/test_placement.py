@@ -118,6 +118,28 @@ def test_a_circle_near_the_pole_is_refused() -> None:
         geographic_circle(Circle(0.0, 0.0, 100.0), Georeference(89.0, 0.0, 0.0), 0.0, 0.0, 7)
 
 
+@pytest.mark.parametrize("latitude_deg", [-47.0, 47.0, 70.0, 88.5])
+@pytest.mark.parametrize(("long_m", "wide_m"), [(8000.0, 40.0), (3000.0, 26.0), (8000.0, 4000.0)])
+def test_long_edges_with_sharp_corners_are_covered(latitude_deg: float, long_m: float, wide_m: float) -> None:
+    """What is added because edges bow in degrees moves a sharp corner far out, and its edges bow more then:
+    a quarter of a metre of a parade 8 km long lay beside its fence at 47 degrees, 1.5 m at 70, 13 m at 88."""
+    anchor = Georeference(latitude_deg, 10.0, 0.0)
+    for azimuth_deg in range(0, 180, 11):
+        corners = np.array([[0.0, 0.0], [wide_m / 2, long_m], [-wide_m / 2, long_m]])
+        turn = np.radians(azimuth_deg)
+        around = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        parade = zone(shapely.Polygon(corners @ around), ground_m=(0.0, 1.0))
+        vehicle = held(placed([parade], anchor, ItemCapacity(63)).shapes)
+        assert covers(vehicle, [parade], anchor), azimuth_deg
+        if abs(latitude_deg) < 60.0:
+            assert ground_m2(vehicle, anchor) <= 1.2 * parade.polygon.area + 8.0 * long_m
+
+
+def ground_m2(vehicle: EmulatedVehicle, anchor: Georeference) -> float:
+    latitude, longitude = ([one[at] / 1e7 for one in vehicle.items] for at in (2, 3))
+    return float(shapely.Polygon(anchor.local_from_geodetic(latitude, longitude, 0.0)[:, :2]).area)
+
+
 def test_a_radius_is_never_rounded_down() -> None:
     """What travels as a float32 is not below what was worked out."""
     for value in (0.1, 25.0, 33.33, 1234.57, 98765.43):

@@ -5,7 +5,7 @@ writing takes away, so that no part of a crowd cell is ever cut off:
 
 - rounding to 9 decimals of a degree: below 0.08 mm;
 - edges of at most 25 m that are straight on the ground but bow in longitude and latitude: below
-  25^2 tan(latitude) / (8 * 6378 km), 0.7 mm at 89 degrees, where the writer stops;
+  1.09 * 25^2 tan(latitude) / (8 * 6378 km), 0.8 mm at 89 degrees, where the writer stops;
 - the height at which the outline is placed, half way up the zone's ground: local verticals are parallel, real
   ones are not, so ground dz above or below moves by dz * distance from the anchor / 6357 km. This one is
   added to the margin (1 mm for 10 m at 640 m).
@@ -45,6 +45,13 @@ _DEGREE_M = 111_700.0
 _SMALL_M = 1e-4
 """Of height, which moves nothing within 60 degrees by more than 0.2 mm."""
 _MOST_STEPS = 60
+_STEP_ON = 1.01
+"""Times what an edge bows: enough for what it is longer with it, where no corner is sharp."""
+_MOST_BOW = 0.2
+"""Of the longest edge."""
+_BOW = 1.1
+"""A hundredth for the zone's extent, on the 1.089 of an edge 55 degrees off north, which bows most: a line in
+longitude and latitude turns by sin(azimuth) (1 + cos(azimuth)^2) tan(latitude) / R."""
 
 
 def ellipsoidal_heights(zone: Zone, georeference: Georeference) -> tuple[float, float]:
@@ -93,14 +100,13 @@ def geographic_outline(
     import shapely
 
     margin_m = _margin_m(zone) + _DEGREE_M * 10.0**-decimals
-    if max_edge_m is None:
-        margin_m += _bow_m(_longest_edge_m(zone.polygon), georeference)
     straight_m = _STRAIGHT_M if max_edge_m is not None and zone.kind == "static" else 0.0
     margin_m += straight_m
-    # Mitre joins keep the square corners of the cells square, and every corner one where they are counted.
-    limit = 2.0 if max_edge_m is not None else _ANY_CORNER
-    grown = shapely.buffer(zone.polygon, margin_m, join_style="mitre", mitre_limit=limit)
-    if max_edge_m is not None:
+    if max_edge_m is None:
+        grown = _grown_by_bow(zone, margin_m, georeference)
+    else:
+        # Mitre joins keep the square corners of the cells square.
+        grown = shapely.buffer(zone.polygon, margin_m, join_style="mitre", mitre_limit=2.0)
         grown = shapely.segmentize(grown, max_edge_m)
 
     def on_ground(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -156,6 +162,22 @@ def _without_straight_corners(outline: Polygon | MultiPolygon, straight_m: float
     return shapely.transform(even, lambda degrees: degrees / scale)
 
 
+def _grown_by_bow(zone: Zone, margin_m: float, georeference: Georeference) -> Polygon | MultiPolygon:
+    """Larger by a margin and by as much as the longest edge bows, every corner still one; a box around it
+    where that has no end. Sharp corners move far out for it, which makes their edges longer, and these bow
+    more."""
+    import shapely
+
+    for outline in (zone.polygon, shapely.envelope(zone.polygon)):
+        grown, bow_m, most_m = outline, 0.0, _MOST_BOW * _longest_edge_m(outline)
+        while (needed_m := _bow_m(_longest_edge_m(grown), georeference)) <= most_m:
+            if bow_m >= needed_m:
+                return grown
+            bow_m = needed_m * _STEP_ON
+            grown = shapely.buffer(outline, margin_m + bow_m, join_style="mitre", mitre_limit=_ANY_CORNER)
+    raise ValueError(f"zone {zone.id} is too large to be drawn in degrees by its own corners")
+
+
 def _longest_edge_m(outline: Polygon | MultiPolygon) -> float:
     import shapely
 
@@ -165,9 +187,9 @@ def _longest_edge_m(outline: Polygon | MultiPolygon) -> float:
 
 
 def _bow_m(edge_m: float, georeference: Georeference) -> float:
-    """How far a straight edge bows in longitude and latitude, with a hundredth more for the zone's extent."""
+    """How far a straight edge bows in longitude and latitude."""
     latitude_deg = min(abs(georeference.latitude_deg) + 1.0, MAX_LATITUDE_DEG)
-    return 1.01 * edge_m**2 * float(np.tan(np.deg2rad(latitude_deg))) / (8 * _SMALLEST_EARTH_RADIUS_M)
+    return _BOW * edge_m**2 * float(np.tan(np.deg2rad(latitude_deg))) / (8 * _SMALLEST_EARTH_RADIUS_M)
 
 
 def _margin_m(zone: Zone) -> float:
