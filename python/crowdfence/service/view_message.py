@@ -14,6 +14,8 @@ from crowdfence._core import Camera, View
 from crowdfence.sources.recording import Frame, PixelSources
 
 MOST_PIXELS = 64_000_000
+FARTHEST_M = 1e8
+"""Of a camera, east, north or up: more than any map projection has."""
 
 
 class CameraMessage(BaseModel):
@@ -139,6 +141,12 @@ class ViewMessage(BaseModel):
             raise ValueError("a view has either a heatmap or an image")
         whole = self if self.world_from_camera is not None else self.posed(np.eye(4))
         _ = whole.view() if self.image is None else whole.frame()
+        farthest_m = float(np.abs(whole._pose()[:3, 3]).max())
+        if farthest_m > FARTHEST_M:
+            raise ValueError(
+                f"world_from_camera places the camera {farthest_m:g} m from the origin; no place on Earth is "
+                f"more than {FARTHEST_M:g} m from it: are these metres?"
+            )
 
     def _pose(self) -> NDArray[np.float64]:
         if self.world_from_camera is None:
