@@ -160,10 +160,18 @@ def test_what_another_station_adds_before_ours_is_read_back_stays(tmp_path: Path
     assert covers(vehicle, FAR) and len(report.ours) == 2
     assert {*THEIRS, *NEW} <= set(vehicle.items) and len(vehicle.items) == 3 + 3 + 8
     assert "1 shapes new" in told(report)["changed_by_others"]
+    assert report.written and "written" in told(report)
+    adds_once(vehicle)
+    vehicle.says = "Geofence invalid"
+    report = keep.put(FAR[1:], HERE)
+    assert report.written and alarms(report) == ["refused_by_text"], "said of the first list"
+    vehicle.says = None
+    keep.put(FAR, HERE)
     vehicle.items = [item for item in vehicle.items if item not in NEW]
     adds_once(vehicle)
     report = keep.clear()
     assert set(vehicle.items) == {*THEIRS, *NEW} and not report.ours and len(report.shapes) == 2
+    assert report.written and told(report)["cleared"] == "2 shapes removed, 2 stay"
 
 
 def test_what_another_station_adds_while_zones_are_fitted_stays(

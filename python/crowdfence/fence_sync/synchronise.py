@@ -130,9 +130,9 @@ class FenceKeeper:
         """Make our part of the fence cover the zones, and nothing else. FenceError or ValueError where it
         could not be done; the fence is then as it was."""
         with writable_folder(self._folder, parents=True):
-            return _unless_rewritten(lambda: self._put(zones, georeference))
+            return _unless_rewritten(lambda again: self._put(zones, georeference, again))
 
-    def _put(self, zones: Sequence[Zone], georeference: Georeference) -> FenceReport:
+    def _put(self, zones: Sequence[Zone], georeference: Georeference, again: bool) -> FenceReport:
         station, events = self.station, list(_of_zones(zones))
         events += self.enforcement() if zones else []
         self._locate()
@@ -140,7 +140,9 @@ class FenceKeeper:
         there, read_s = shapes_of(before), station.clock()
         found, others, missing = memory.parted(there)
         events += [*_of_others(others, missing, memory), *_of_a_second(memory, self._kept)]
-        station.vehicle.texts.clear()
+        was_sent = again and memory.sent is not None  # and what the vehicle said of it counts still
+        if not was_sent:
+            station.vehicle.texts.clear()
         capacity = self._capacity(memory)
         for _ in range(_REFUSALS):
             fence = placed(zones, georeference, capacity, others)
@@ -174,6 +176,7 @@ class FenceKeeper:
             raise FenceError(f"the vehicle refuses every fence for want of space; {stays}")
         now_ours = _as_read(fence.shapes, wanted, shapes_of(held)) if written else tuple(found)
         self._remember(VehicleMemory(now_ours, tuple(others), memory.most, is_first=False))
+        written |= was_sent
         station.listen(TEXTS_S if written else 0.0)
         events += _of_texts(station.vehicle.texts)
         events += inside(station.vehicle, shapes_of(held), zones, georeference)
@@ -182,9 +185,9 @@ class FenceKeeper:
 
     def clear(self, *, everything: bool = False) -> FenceReport:
         """Remove our part of the fence, or all of it."""
-        return _unless_rewritten(lambda: self._clear(everything))
+        return _unless_rewritten(lambda again: self._clear(everything, again))
 
-    def _clear(self, everything: bool) -> FenceReport:
+    def _clear(self, everything: bool, again: bool) -> FenceReport:
         memory, before = recall(self.memory_path), self._download()
         found, others, missing = memory.parted(shapes_of(before))
         kept = [] if everything else others
@@ -198,6 +201,8 @@ class FenceKeeper:
             if result != MissionResult.ACCEPTED:
                 raise FenceError(self._refused(result, _what_stays(before, held)))
         self._remember(VehicleMemory((), tuple(kept), memory.most, is_first=False))
+        if again and memory.sent == ():  # they went with the first list
+            found, written = list(memory.ours), True
         removed = len(shapes_of(before)) if everything else len(found)
         events.append(FenceEvent("cleared", f"{removed} shapes removed, {len(kept)} stay"))
         return FenceReport(tuple(kept), (), written, NOTHING, "", tuple(events))
@@ -333,11 +338,12 @@ class _Rounded(FenceError):
         self.held = held
 
 
-def _unless_rewritten(write: Callable[[], FenceReport]) -> FenceReport:
-    """Written; from its beginning where somebody else wrote meanwhile, whose shapes are kept."""
+def _unless_rewritten(write: Callable[[bool], FenceReport]) -> FenceReport:
+    """Written; again from its beginning, which `write` is told, where somebody else wrote meanwhile, whose
+    shapes are kept."""
     for attempt in range(_UPLOADS):
         try:
-            return write()
+            return write(attempt > 0)
         except _Rewritten:
             if attempt == _UPLOADS - 1:
                 raise
