@@ -65,7 +65,7 @@ def test_a_look_is_read_in_metres_per_pixel() -> None:
     # 20 m away at 100 px: .2 m a pixel, where a look says half and has a quarter of the pixels.
     far = 0.25 * 1.5 / 1.25
     assert log_ratio(look("a", 0.9, range_m=20.0)) == pytest.approx(far, abs=1e-5)
-    assert log_ratio(look("a", 0.9, range_m=40.0, focal_px=200.0)) == pytest.approx(far, abs=1e-5)
+    assert log_ratio(look("a", 0.9, range_m=10.0, focal_px=50.0)) == pytest.approx(far, abs=1e-5)
     # Without a focal length, that of the calibration.
     assert log_ratio(look("a", 0.9, range_m=20.0, focal_px=0.0)) == pytest.approx(far, abs=1e-5)
 

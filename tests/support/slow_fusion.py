@@ -15,6 +15,8 @@ SECOND_NS = 1_000_000_000
 NEVER_NS = -1
 CLEARLY = 2.0
 """In log odds above the threshold: what one look shows by itself, for so many seconds."""
+FINER = 1.5
+"""How much finer a look that shows crowd may count than one of the calibration's cameras."""
 Numbers = NDArray[np.float64]
 
 
@@ -73,7 +75,9 @@ class SlowFusion:
             taken_ns = stamp_ns if stamp_ns - one.stamp_ns <= SECOND_NS else one.stamp_ns
             ratio = self.table.of(one.mean)
             tells = (one.tilt_deg > 0.0) | (ratio > 0.0) | (self.name != "evidence")
-            gsd_m = one.range_m.astype(float) / (one.focal_px or told.get("focal_px", 1.0))
+            theirs_px = told.get("focal_px", 1.0)
+            finest_px = np.where(ratio > 0.0, FINER * theirs_px, theirs_px)
+            gsd_m = one.range_m.astype(float) / np.minimum(one.focal_px or theirs_px, finest_px)
             sharp_m = told.get("sharp_gsd_m", np.inf)
             weight = np.where(gsd_m <= sharp_m, 1.0, (sharp_m / np.maximum(gsd_m, 1e-9)) ** 2)
             self.occluded[one.occluded_ids] = self.occluded[one.voxel_ids[~tells]] = True

@@ -96,7 +96,7 @@ impl PyLinearPool {
 /// alpha       weight of the newest instant, in (0, 1]
 /// decay       lambda per second, >= 0
 /// threshold   a voxel at or above this probability is crowd, strictly between 0 and 1
-/// focal_px    > 0, of the cameras of the calibration: taken for a view that does not say its own
+/// focal_px    > 0, of the cameras of the calibration: as of `Evidence`
 ///
 /// CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
 /// pickled.
@@ -269,7 +269,7 @@ impl PyLogOdds {
 /// prior       P(A = 1) where nobody has looked, strictly between 0 and 1
 /// memory_s    > 0, after so many seconds a look weighs 1 / e of what it did
 /// threshold   a voxel at or above this probability is crowd, strictly between 0 and 1
-/// focal_px    > 0, of the cameras of the calibration: taken for a view that does not say its own
+/// focal_px    > 0, of the cameras of the calibration: as of `Evidence`
 ///
 /// CrowdfenceError names the parameter that is out of bounds. It cannot change; it can be compared and
 /// pickled.

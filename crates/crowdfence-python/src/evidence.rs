@@ -111,7 +111,8 @@ impl PyLikelihoodRatio {
 /// threshold    a voxel at or above this probability is crowd, strictly between 0 and 1
 /// cleared      > 0 and below prior and threshold: up to this probability a voxel is empty; between the two
 ///              it was looked at, and that showed neither
-/// focal_px     > 0, of the cameras of the calibration: taken for a view that does not say its own
+/// focal_px     > 0, of the cameras of the calibration: taken for a view that does not say its own; a look
+///              of a finer camera counts as one of theirs, or where it shows crowd as 1.5 times as fine
 ///
 /// Looks are averaged, because looks at one place agree; only further drones add to them. CrowdfenceError
 /// names the parameter that is out of bounds. It cannot change; it can be compared and pickled.

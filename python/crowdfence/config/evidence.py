@@ -48,7 +48,9 @@ class EvidenceConfig:
     """P(A = 1) where nobody has looked, inside (0, 1); None: the share in the detector's calibration, or
     0.015."""
     focal_px: float | None = None
-    """Focal length of the calibration's cameras, for views that do not say theirs; None: the detector's."""
+    """Focal length of the calibration's cameras; None: the detector's. It stands in for that of views that do
+    not say theirs, and a look of a finer camera counts as one of theirs, or as 1.5 times as fine where it
+    shows crowd: poses are off in degrees, however fine the picture."""
     memory_s: float = 5.0
     """After so many seconds a look weighs 1 / e of what it did."""
     sharp_gsd_m: float = 0.15

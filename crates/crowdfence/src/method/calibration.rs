@@ -40,8 +40,7 @@ impl Calibration {
 
     /// l: ln P(m | crowd) / P(m | no crowd).
     pub fn log_ratio(&self, look: &VoxelLook) -> f64 {
-        let gsd_m = look.gsd_m(self.focal_px as f32);
-        f64::from(self.likelihood.log_ratio(gsd_m, look.tilt_deg, look.mean as f32))
+        f64::from(self.likelihood.of_look(look, self.focal_px as f32).0)
     }
 
     /// The probability that lies `log_ratio` above the prior in log odds.

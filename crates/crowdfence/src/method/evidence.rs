@@ -60,7 +60,8 @@ pub struct EvidenceSettings {
     pub threshold: f64,
     /// Probability up to which a place is called empty. Between the two it was looked at, and that showed neither.
     pub cleared: f64,
-    /// Focal length of the cameras of the calibration, pixels: taken for a view that does not say its own.
+    /// Focal length of the cameras of the calibration, pixels: taken for a view that does not say its own, and a look of a
+    /// finer camera counts as little finer than theirs.
     pub focal_px: f64,
 }
 
@@ -92,8 +93,9 @@ impl FusionMethod for Evidence {
     fn update(&self, before: Option<(LooksSum, f32)>, looks: &[(VoxelLook, f32)]) -> LooksSum {
         let mut sum = before.map_or(Self::NO_BELIEF, |(sum, fading)| sum.faded(fading));
         for (look, fading) in looks {
-            let weight = fading * self.sharpness(self.gsd_m(look));
-            sum.evidence += weight * self.log_ratio(look);
+            let (log_ratio, sharpness) = self.says(look);
+            let weight = fading * sharpness;
+            sum.evidence += weight * log_ratio;
             sum.weights[look.drone as usize % DRONE_WEIGHTS] += weight;
         }
         sum
@@ -103,7 +105,7 @@ impl FusionMethod for Evidence {
     /// at most the nearest: that nobody shows there clears nothing. Nor does a look from under the ground, through a
     /// hole of the map.
     fn tells(&self, look: &VoxelLook) -> bool {
-        look.tilt_deg > 0.0 || self.log_ratio(look) > 0.0
+        look.tilt_deg > 0.0 || self.says(look).0 > 0.0
     }
 
     fn probability(&self, sum: LooksSum, fading: f32) -> f64 {
@@ -130,8 +132,8 @@ impl FusionMethod for Evidence {
         if look.mean as f32 <= self.shows_nothing_to {
             return None;
         }
-        let weight = f64::from(self.sharpness(self.gsd_m(look)));
-        let evidence = alone(weight, self.log_ratio(look), self.settings.doubt);
+        let (log_ratio, sharpness) = self.says(look);
+        let evidence = alone(f64::from(sharpness), log_ratio, self.settings.doubt);
         (evidence >= CLEARLY).then_some((self.prior_log_odds + evidence) as f32)
     }
 
@@ -207,13 +209,10 @@ impl Evidence {
         (mean * stronger).clamp(-MOST_EVIDENCE, MOST_EVIDENCE)
     }
 
-    /// l.
-    fn log_ratio(&self, look: &VoxelLook) -> f32 {
-        self.likelihood.log_ratio(self.gsd_m(look), look.tilt_deg, look.mean as f32)
-    }
-
-    fn gsd_m(&self, look: &VoxelLook) -> f32 {
-        look.gsd_m(self.settings.focal_px as f32)
+    /// l and the sharpness of a look.
+    fn says(&self, look: &VoxelLook) -> (f32, f32) {
+        let (log_ratio, gsd_m) = self.likelihood.of_look(look, self.settings.focal_px as f32);
+        (log_ratio, self.sharpness(gsd_m))
     }
 
     fn sharpness(&self, gsd_m: f32) -> f32 {

@@ -2,6 +2,7 @@
 
 use super::borders::Borders;
 use crate::error::{Error, Result, require};
+use crate::method::VoxelLook;
 
 /// Table of the log likelihood ratio by ground sample distance, tilt and mean heatmap value.
 #[derive(Debug, Clone, PartialEq)]
@@ -11,6 +12,12 @@ pub struct LikelihoodRatio {
     mean: Borders,
     log_ratio: Vec<f32>,
 }
+
+/// A look of a camera that is finer than those of the calibration counts as one of a camera so many times as fine as
+/// these at most, where it shows crowd, and as one of theirs where it shows none. A finer picture finds crowds that theirs
+/// missed, but on the ground it is as far off as theirs: poses are off in degrees, whatever the picture, and what stands
+/// before a crowd hides it from both. Otherwise people 200 m away stand on ground that one look calls empty.
+const FINER: f32 = 1.5;
 
 /// Beyond e^20 a ratio is a guess.
 const MOST: f32 = 20.0;
@@ -46,6 +53,19 @@ impl LikelihoodRatio {
     pub fn log_ratio(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> f32 {
         let row = self.gsd_m.up_to(gsd_m) * (self.tilt_deg.count() + 1) + self.tilt_deg.up_to(tilt_deg);
         self.log_ratio[row * (self.mean.count() + 1) + self.mean.below(mean)]
+    }
+
+    /// l of a look, and the metres per pixel that it counts with, by the focal length of the calibration's cameras in
+    /// pixels; see [`FINER`].
+    pub(in crate::method) fn of_look(&self, look: &VoxelLook, focal_px: f32) -> (f32, f32) {
+        let fine_m = look.gsd_m(focal_px);
+        let no_finer_than = |gsd_m: f32| {
+            let gsd_m = fine_m.max(gsd_m);
+            (self.log_ratio(gsd_m, look.tilt_deg, look.mean as f32), gsd_m)
+        };
+        let as_theirs_m = look.range_m / focal_px;
+        let finer = no_finer_than(as_theirs_m / FINER);
+        if fine_m < as_theirs_m && finer.0 <= 0.0 { no_finer_than(as_theirs_m) } else { finer }
     }
 
     /// The mean heatmap value up to which no look, however close and steep, has a ratio that `is_large`; infinite where

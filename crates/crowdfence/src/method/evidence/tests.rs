@@ -139,6 +139,23 @@ fn what_makes_no_sense_is_refused_by_its_name() {
     assert!(table(vec![0.2], vec![0.0, 0.0, f32::NAN, 0.0]).starts_with("log_ratio is NaN;"));
 }
 
+/// 30 m away theirs see .3 m a pixel, which is no finer for a look that shows nobody, and .2 m for one that shows crowd.
+#[test]
+fn a_look_of_a_camera_finer_than_those_of_the_calibration_is_hardly_finer() {
+    let evidence = evidence();
+    let left = |mean: f64, focal_px: f32| {
+        let look = VoxelLook { range_m: 30.0, focal_px, ..look(0, mean) };
+        log_ratio(&evidence, evidence.update(None, &[(look, 1.0)]), 0.0)
+    };
+    let (theirs, half_as_fine) = (1.0 / 9.0, 1.0 / 36.0);
+    assert_close(left(0.4, 100.0), -0.5 * theirs / (theirs + 1.0));
+    assert_close(left(0.4, 400.0), -0.5 * theirs / (theirs + 1.0));
+    assert_close(left(0.4, 50.0), -0.5 * half_as_fine / (half_as_fine + 1.0));
+    assert_close(left(0.9, 100.0), 3.0 * theirs / (theirs + 1.0));
+    assert_close(left(0.9, 120.0), 3.0 * 0.16 / 1.16);
+    assert_close(left(0.9, 400.0), 3.0 * 0.25 / 1.25);
+}
+
 prop_compose! {
     /// A look and its age in seconds.
     fn aged_look()(
