@@ -81,9 +81,9 @@ fn a_coarse_look_weighs_by_its_pixels_and_says_less() {
     let far = VoxelLook { range_m: 20.0, ..look(0, 0.1) };
     let sum = evidence.update(None, &[(far, 1.0)]);
     assert_close(log_ratio(&evidence, sum, 0.0), 0.25 * -0.5 / 1.25);
-    // A camera of twice the focal length sees the same from there as the other from 10 m.
-    let long = VoxelLook { focal_px: 200.0, ..far };
-    assert_eq!(evidence.update(None, &[(long, 1.0)]), evidence.update(None, &[(look(0, 0.1), 1.0)]));
+    // A camera of half the focal length sees from 10 m what the other sees from there.
+    let wide = VoxelLook { focal_px: 50.0, ..look(0, 0.1) };
+    assert_eq!(evidence.update(None, &[(wide, 1.0)]), sum);
     // A view that does not say its focal length has that of the calibration.
     let unknown = VoxelLook { focal_px: 0.0, ..far };
     assert_eq!(evidence.update(None, &[(unknown, 1.0)]), sum);
