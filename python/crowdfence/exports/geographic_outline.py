@@ -40,7 +40,7 @@ _SMALLEST_EARTH_RADIUS_M = 6.356e6
 _LARGEST_EARTH_RADIUS_M = 6.42e6
 """Of curvature, at the poles, 20 km up."""
 _ANY_CORNER = 1e3
-_DEGREE_M = 111_700.0
+DEGREE_M = 111_700.0
 """The longest there is, of latitude at the poles."""
 _SMALL_M = 1e-4
 """Of height, which moves nothing within 60 degrees by more than 0.2 mm."""
@@ -99,7 +99,7 @@ def geographic_outline(
     """
     import shapely
 
-    margin_m = _margin_m(zone) + _DEGREE_M * 10.0**-decimals
+    margin_m = _margin_m(zone) + DEGREE_M * 10.0**-decimals
     straight_m = _STRAIGHT_M if max_edge_m is not None and zone.kind == "static" else 0.0
     margin_m += straight_m
     if max_edge_m is None:
@@ -157,7 +157,7 @@ def _without_straight_corners(outline: Polygon | MultiPolygon, straight_m: float
     nearest_deg = 0.0 if south < 0.0 < north else min(abs(south), abs(north))
     scale = (np.cos(np.deg2rad(nearest_deg)), 1.0)
     even = shapely.simplify(
-        shapely.transform(outline, lambda degrees: degrees * scale), straight_m / _DEGREE_M
+        shapely.transform(outline, lambda degrees: degrees * scale), straight_m / DEGREE_M
     )
     return shapely.transform(even, lambda degrees: degrees / scale)
 

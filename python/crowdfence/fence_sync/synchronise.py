@@ -38,6 +38,14 @@ from crowdfence.fence_sync.messages import (
 )
 from crowdfence.fence_sync.placement import NOTHING, PlacedFence, placed
 from crowdfence.fence_sync.questions import OPTIONAL_TRIES, optional, parameters
+from crowdfence.fence_sync.read_back import (
+    Rewritten,
+    Rounded,
+    are_of_neither,
+    are_rounded,
+    differs,
+    require_same,
+)
 from crowdfence.fence_sync.transfer import download, upload
 from crowdfence.fence_sync.vehicle_memory import VehicleMemory, memory_file, recall, remember
 from crowdfence.georeference import Georeference
@@ -51,9 +59,6 @@ _UPLOADS = 4
 """Of one list over a link that loses packets."""
 _LONG_S = 1.0
 """After which what was read is read again before it is replaced: in it somebody else may have written."""
-_ROUNDED_E7 = 200
-"""float32 loses up to 76 of longitudes beyond 128 degrees."""
-_DEGREE_M = 111_700.0
 _REFUSALS = 12
 """Each asks for a quarter less: 12 lead from 63 items to 1."""
 _PAUSE_S = 0.3
@@ -155,13 +160,13 @@ class FenceKeeper:
                 _require_whole(others)
             if written:
                 if station.clock() - read_s > _LONG_S:
-                    _require_same(before, self._download())
+                    require_same(before, self._download())
                 self._remember(memory.before(fence.shapes, found, others, there))
             try:
                 result, held = (
                     self._replace(items_of(wanted), before) if written else (MissionResult.ACCEPTED, before)
                 )
-            except _Rounded as error:  # it stands there, and is not to stay beside what is sent next
+            except Rounded as error:  # it stands there, and is not to stay beside what is sent next
                 ours = _as_read(fence.shapes, wanted, shapes_of(error.held))
                 self._remember(VehicleMemory(ours, tuple(others), memory.most, is_first=False))
                 raise
@@ -257,7 +262,7 @@ class FenceKeeper:
         """Upload until the vehicle says something of it, and what it holds then. After silence its list tells
         whether it was taken, and after a refusal: ArduPilot says "error" where its last item comes again, as
         it does after an "accepted" that was lost. Over a link that brings old packets late, some of another
-        list may have been taken. `_Rewritten` where items stand there that nobody of us sent: the list of
+        list may have been taken. `Rewritten` where items stand there that nobody of us sent: the list of
         somebody else, who wrote after ours was taken and whose shapes a second upload would remove."""
         station = self.station
         for attempt in range(_UPLOADS):
@@ -273,16 +278,16 @@ class FenceKeeper:
             if are_same(held, wanted):
                 return MissionResult.ACCEPTED, held
             is_last = attempt == _UPLOADS - 1
-            is_of_neither = _are_of_neither(held, [*before, *wanted])
+            is_of_neither = are_of_neither(held, [*before, *wanted])
             # What was rounded before is rounded to the same again.
-            if (is_of_neither or is_last) and _are_rounded(held, wanted):
-                raise _Rounded(wanted, held)
+            if (is_of_neither or is_last) and are_rounded(held, wanted):
+                raise Rounded(wanted, held)
             if is_of_neither:
-                raise _Rewritten(str(_differs(wanted, held)))
+                raise Rewritten(str(differs(wanted, held)))
             if result != MissionResult.ACCEPTED:
                 return result, held
             if is_last:
-                raise silence or _differs(wanted, held)
+                raise silence or differs(wanted, held)
         raise AssertionError("the last upload returns or raises")
 
     def _smaller(self, capacity: Capacity, result: int, shapes: Sequence[FenceShape], stays: str) -> Capacity:
@@ -320,60 +325,16 @@ class FenceKeeper:
             self.find_home()
 
 
-class _Rewritten(FenceError):
-    """Somebody else wrote the fence after it was read: it is to be read again first."""
-
-
-class _Rounded(FenceError):
-    """The vehicle took the list, and keeps other places than those that were sent."""
-
-    def __init__(self, wanted: Sequence[FenceItem], held: tuple[FenceItem, ...]) -> None:
-        pairs = list(zip(wanted, held, strict=True))
-        off_m = max(_DEGREE_M * max(_apart_e7(*pair)) / 1e7 for pair in pairs)
-        super().__init__(
-            f"the vehicle took the fence and keeps its corners elsewhere, up to {off_m:.2g} m from where "
-            "they were sent, so zones may not be covered: its firmware loses digits of a degree; use one "
-            "that keeps 7 (MISSION_ITEM_INT)"
-        )
-        self.held = held
-
-
 def _unless_rewritten(write: Callable[[bool], FenceReport]) -> FenceReport:
     """Written; again from its beginning, which `write` is told, where somebody else wrote meanwhile, whose
     shapes are kept."""
     for attempt in range(_UPLOADS):
         try:
             return write(attempt > 0)
-        except _Rewritten:
+        except Rewritten:
             if attempt == _UPLOADS - 1:
                 raise
     raise AssertionError("the last one returns or raises")
-
-
-def _require_same(before: Sequence[FenceItem], now: Sequence[FenceItem]) -> None:
-    if not are_same(before, now):
-        raise _Rewritten(
-            f"somebody else writes the fence all the time: of {len(before)} items that were read {len(now)} "
-            "were there a little later, or others; nothing was sent. Find out who, then send again"
-        )
-
-
-def _are_rounded(held: Sequence[FenceItem], wanted: Sequence[FenceItem]) -> bool:
-    """Whether it is the list that was sent, each place a little off."""
-    return len(held) == len(wanted) and all(
-        (one.command, one.param1) == (other.command, other.param1)
-        and max(_apart_e7(one, other)) <= _ROUNDED_E7
-        for one, other in zip(held, wanted, strict=True)
-    )
-
-
-def _apart_e7(one: FenceItem, other: FenceItem) -> tuple[int, int]:
-    return abs(one.latitude_e7 - other.latitude_e7), abs(one.longitude_e7 - other.longitude_e7)
-
-
-def _are_of_neither(held: Sequence[FenceItem], known: Sequence[FenceItem]) -> bool:
-    """Whether items are there that were neither there before nor sent."""
-    return any(not any(item.is_same(one) for one in known) for item in held)
 
 
 def _size(capacity: Capacity) -> int:
@@ -408,15 +369,6 @@ def _what_stays(before: Sequence[FenceItem], held: Sequence[FenceItem]) -> str:
     return (
         f"the one before is gone: {len(held)} items stand there, {len(before)} did; did the vehicle start "
         "anew? Send again"
-    )
-
-
-def _differs(wanted: Sequence[FenceItem], held: Sequence[FenceItem]) -> FenceError:
-    same = sum(a.is_same(b) for a, b in zip(wanted, held, strict=False))
-    return FenceError(
-        f"the fence read back is not the one that was sent: {len(held)} items instead of {len(wanted)}, "
-        f"{same} of them equal; did another ground station write meanwhile? Look with "
-        "`crowdfence fence pull`, then send again"
     )
 
 

@@ -114,11 +114,9 @@ impl History {
 
     /// Takes in looks that by themselves may show crowd.
     pub fn remember_shown(&mut self, looks: &[ShownLook]) {
-        let (codes, instants) = (&self.looks, &self.instants);
-        self.shown.add(looks, |id| match Look::from_code(codes.get(id as usize)) {
-            Look::At(slot) => Some(instants.at(slot).stamp_ns),
-            Look::Never | Look::Occluded => None,
-        });
+        let mut shown = std::mem::take(&mut self.shown);
+        shown.add(looks, |id| self.last_look(id).map(|last| last.stamp_ns));
+        self.shown = shown;
     }
 
     /// Something hides voxels, sorted, from a camera.
