@@ -266,6 +266,34 @@ def test_a_damaged_tail_is_put_aside_and_told(tmp_path: Path) -> None:
         assert service.live is not None and sum(service.live.heard.accepted.values()) == 4
 
 
+def test_commits_behind_a_flipped_bit_of_the_log_are_told(tmp_path: Path) -> None:
+    """SQLite takes it for the end of its log. Acknowledged views and closed ground were gone."""
+    flown = views(6)
+    with running(tmp_path / "data", settings=_no_snapshots()) as service, asked(service) as http:
+        give(service, flown[:6])
+        crash(tmp_path / "data", tmp_path / "before")
+        for one in flown[6:]:
+            give(service, [one])
+        drawn = {"polygon": [[50, 50], [55, 50], [55, 55]], "reason": "ambulance"}
+        assert http.post("/api/v1/zones", json=drawn).status_code == 201
+        crash(tmp_path / "data", tmp_path / "crashed")
+    log = tmp_path / "crashed" / f"{FILE}-wal"
+    sound = (tmp_path / "before" / log.name).read_bytes()
+    damaged = bytearray(log.read_bytes())
+    assert damaged.startswith(sound)  # nothing has begun the log anew
+    damaged[len(sound) + 24 + 100] ^= 1  # the first page behind
+    log.write_bytes(damaged)
+    with running(tmp_path / "crashed", settings=_no_snapshots()) as service:
+        assert service.store.rows("SELECT COUNT(*) FROM journal WHERE kind = 'view'") == [(6,)]
+        (alert,) = [alert for alert in service.alerts.all() if alert.kind == "records_damaged"]
+        count, text = alert.text.split(maxsplit=1)
+        assert int(count) >= 13 and alert.level == "alarm"  # a commit for each at least
+        assert text.startswith(f"commits at the end of {FILE}-wal cannot be read and are left out")
+        crash(tmp_path / "crashed", tmp_path / "again")
+    with running(tmp_path / "again", settings=_no_snapshots()) as service:  # no longer in the log
+        assert service.store.lost_commits == 0
+
+
 def test_what_operators_closed_behind_a_damaged_record_stays_closed(tmp_path: Path) -> None:
     """One view that could not be read opened the ground that an operator had closed after it."""
     flown = views(10)

@@ -31,7 +31,7 @@ from crowdfence.service.poses import Poses
 from crowdfence.service.replay import Replay
 from crowdfence.service.service import Service
 from crowdfence.service.settings import ServiceSettings
-from crowdfence.service.store import Store, StoreError
+from crowdfence.service.store import FILE, Store, StoreError
 from crowdfence.service.timeline import Timeline
 from crowdfence.service.watch import Watch
 from crowdfence.sources.ground_contact import on_ground
@@ -174,12 +174,10 @@ def live(
         damaged = going.applying.recover()
         clock.saw(going.newest_ns)
         _check_clock(store, clock, going.newest_ns, settings.max_ahead_s)
-        unread = service.alerts.unread
-        if unread:
-            lost = f"{unread} alerts of before are damaged, and what they told is not known"
-            damaged = f"{damaged}; {lost}" if damaged else lost
-        if damaged is not None:
-            service.alerts.raise_("records_damaged", "alarm", damaged, clock.now_ns())
+        told = [damaged, _commits_lost(store.lost_commits), _alerts_lost(service.alerts.unread)]
+        lost = "; ".join(one for one in told if one)
+        if lost:
+            service.alerts.raise_("records_damaged", "alarm", lost, clock.now_ns())
             # It happened, and does not hold: the next time is told anew, and this one until somebody looked.
             service.alerts.clear("records_damaged", clock.now_ns())
         service.live = going
@@ -199,6 +197,19 @@ def live(
             going.stop()
     finally:
         store.close()
+
+
+def _commits_lost(count: int) -> str | None:
+    if not count:
+        return None
+    return (
+        f"{count} commits at the end of {FILE}-wal cannot be read and are left out: views that were "
+        "acknowledged and what operators decided may be gone, and zones may be old"
+    )
+
+
+def _alerts_lost(count: int) -> str | None:
+    return f"{count} alerts of before are damaged, and what they told is not known" if count else None
 
 
 def _check_clock(store: Store, clock: Clock, newest_ns: int, max_ahead_s: float) -> None:

@@ -21,6 +21,7 @@ from pathlib import Path
 from threading import Lock, Thread
 from typing import Any, NamedTuple, TextIO
 
+from crowdfence.service.write_ahead_log import commits_in
 from crowdfence.service.write_trouble import WriteTrouble
 
 FILE = "crowdfence.sqlite"
@@ -106,6 +107,8 @@ class Store:
         self._lock_file = _locked(folder)
         self.on_trouble: Callable[[str | None], None] = lambda trouble: None
         """Called with what went wrong when writes fail, and with None when they work again."""
+        self.lost_commits = 0
+        """At the end of the log, where one byte is damaged: SQLite goes on as if they had never been."""
         self._trouble = WriteTrouble(folder)
         self._writes: queue.Queue[_Entry | None] = queue.Queue()
         self._closing, self._is_closed = Lock(), False
@@ -137,6 +140,7 @@ class Store:
 
     def _opened(self, durable: bool) -> sqlite3.Connection:
         self._check_ours()
+        commits = commits_in(self.path)
         connection = sqlite3.connect(self.path, check_same_thread=False, isolation_level=None, timeout=2.0)
         # Before the first page is written, which WAL does: it cannot be chosen later.
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
@@ -145,6 +149,8 @@ class Store:
         (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
         if found != "ok":
             raise StoreError(f"{self.path} is damaged ({found}); {BEGIN_ANEW}")
+        (_, frames, _) = connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+        self.lost_commits = sum(end > frames for end in commits)
         # Together: a file that was begun half would be taken for one of another program.
         connection.executescript(
             f"BEGIN; {_TABLES} INSERT OR IGNORE INTO about VALUES ('version', '{VERSION}'); COMMIT"
