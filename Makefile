@@ -93,7 +93,8 @@ test-web: page
 # A browser with software GL; the system package is installed only if there is none.
 chromium: setup
 	@command -v chromium >/dev/null || { SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); \
-	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq chromium; }
+	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq --no-install-recommends \
+	  chromium fonts-liberation libgl1-mesa-dri; }
 
 test-page: test-web chromium ## the page: its logic, and itself in a browser on the real server
 	$(BIN)/pytest tests/page

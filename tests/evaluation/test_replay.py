@@ -1,12 +1,15 @@
 """Methods on the bundled recording, which knows where everybody stood."""
 
 from dataclasses import replace
+from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 import pytest
 
+from crowdfence._core import Terrain
 from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig, ZoneConfig
 from crowdfence.evaluation.iou import IouAccumulator
 from crowdfence.evaluation.replay import Scores, TruthKind, beside_map_warning, score, unrecorded_warning
@@ -21,12 +24,24 @@ DEMO = Path(__file__).parents[2] / "python" / "crowdfence" / "demo_data" / "race
 STRICT = 0.9
 
 
+def race() -> Recording:
+    """Every third instant of the bundled recording: what holds here holds of few of them."""
+    whole = open_recording(DEMO)
+    kept = islice(whole.instants(RunConfig(EvidenceConfig()).grouping.tolerance_ms), 0, None, 3)
+    return replace(whole, frames=tuple(frame for instant in kept for frame in instant.frames))
+
+
+@cache
+def race_ground() -> Terrain:
+    return open_terrain(open_recording(DEMO))
+
+
 @pytest.fixture(scope="module")
 def scores() -> Scores:
     """With the heatmaps of the simulated detector."""
-    recording = open_recording(DEMO)
+    recording = race()
     methods = (EvidenceConfig(), PaperConfig(), OrConfig(), OrConfig(b_threshold=STRICT))
-    return score(recording, open_terrain(recording), [RunConfig(one) for one in methods], truth="world")
+    return score(recording, race_ground(), [RunConfig(one) for one in methods], truth="world")
 
 
 def test_the_knob_of_or_is_its_b_threshold(scores: Scores) -> None:
@@ -40,8 +55,8 @@ def test_the_knob_of_or_is_its_b_threshold(scores: Scores) -> None:
 @pytest.mark.parametrize("b_threshold", [0.0, 0.5])
 def test_the_score_of_or_is_that_of_its_map(b_threshold: float) -> None:
     """With masks of 0 and 1 many voxels have a mean of exactly one half, which is not above one half."""
-    recording = open_recording(DEMO)
-    terrain = open_terrain(recording)
+    recording = race()
+    terrain = race_ground()
     masks = heatmap_source(
         lambda frame: (np.asarray(frame.heatmap()) > 127).astype(np.uint8) * np.uint8(255), None, 300.0
     )
@@ -73,10 +88,10 @@ def test_people_are_counted_once_and_larger_buffers_hold_more_of_them(scores: Sc
 
 
 def test_nobody_in_a_region_too_small_for_a_zone_counts_as_in_one() -> None:
-    recording = open_recording(DEMO)
+    recording = race()
     config = RunConfig(EvidenceConfig(), zones=ZoneConfig(min_area_m2=50.0))
     with pytest.raises(ValueError, match=r"min_area_m2 is 50: .* leave it at 0"):
-        score(recording, open_terrain(recording), [RunConfig(EvidenceConfig()), config], truth="world")
+        score(recording, race_ground(), [RunConfig(EvidenceConfig()), config], truth="world")
 
 
 def test_evidence_calls_less_ground_of_crowds_empty_than_the_others(scores: Scores) -> None:
@@ -89,11 +104,11 @@ def test_evidence_calls_less_ground_of_crowds_empty_than_the_others(scores: Scor
 def test_instants_without_recorded_people_are_left_out_and_told(truth: TruthKind) -> None:
     """People are kept of the instants in the first third alone: those within 0.25 s of the last of them are
     the last that count."""
-    whole = open_recording(DEMO)
+    whole = race()
     stamps_ns = list(whole.people.stamps_ns)[: len(whole.people.stamps_ns) // 3]
     recording = replace(whole, people=replace(whole.people, stamps_ns=stamps_ns))
     config = RunConfig(EvidenceConfig())
-    terrain = open_terrain(recording)
+    terrain = race_ground()
     exposures = [one.frames[-1].exposure_ns() for one in recording.instants(config.grouping.tolerance_ms)]
     known = [min(abs(one - stamp) for stamp in stamps_ns) <= 250_000_000 for one in exposures]
     assert 0 < sum(known) < len(known)
@@ -117,8 +132,8 @@ def test_instants_without_recorded_people_are_left_out_and_told(truth: TruthKind
 
 def test_people_beside_the_map_are_in_no_figure_and_told(scores: Scores) -> None:
     """One walker of a crowd who left the map ended the evaluation."""
-    whole = open_recording(DEMO)
-    terrain, config = open_terrain(whole), RunConfig(EvidenceConfig())
+    whole = race()
+    terrain, config = race_ground(), RunConfig(EvidenceConfig())
     tolerance_ms = config.grouping.tolerance_ms
     assert beside_map_warning(whole, terrain, tolerance_ms) is None
 
@@ -145,11 +160,11 @@ def test_people_beside_the_map_are_in_no_figure_and_told(scores: Scores) -> None
 
 
 def test_crowd_that_a_method_closes_nothing_for_is_told_of_that_method(scores: Scores) -> None:
-    recording = open_recording(DEMO)
+    recording = race()
     methods = (EvidenceConfig(), EvidenceConfig(zone_log_odds=9.0))
     found = score(
         recording,
-        open_terrain(recording),
+        race_ground(),
         [RunConfig(one) for one in methods],
         truth="world",
         swept=[RunConfig(EvidenceConfig(zone_log_odds=12.0))],
@@ -158,12 +173,12 @@ def test_crowd_that_a_method_closes_nothing_for_is_told_of_that_method(scores: S
     assert [*usual.unheeded, *scores.rows[0].unheeded, *found.swept[0].unheeded] == []
     (told,) = strict.unheeded
     assert "s after the first instant every look of" in told and "nothing is closed for it" in told
-    assert run(recording, open_terrain(recording), RunConfig(methods[1])).unheeded == strict.unheeded
+    assert run(recording, race_ground(), RunConfig(methods[1])).unheeded == strict.unheeded
 
 
 def _damaged(what: str, every: int) -> Recording:
     """The bundled recording, of which every so many frames cannot tell their truth, from the last on."""
-    whole = open_recording(DEMO)
+    whole = race()
 
     def nothing(*_: object) -> NoReturn:
         raise ValueError("it is cut off")
@@ -201,8 +216,8 @@ def test_a_frame_whose_truth_cannot_be_told_is_left_out_and_told(
 ) -> None:
     """One of them ended the whole evaluation."""
     config, untold = RunConfig(EvidenceConfig()), UntoldTruth()
-    recording = _damaged(what, 40)
-    found = score(recording, open_terrain(recording), [config], truth=truth, untold=untold)
+    recording = _damaged(what, 15)
+    found = score(recording, race_ground(), [config], truth=truth, untold=untold)
     (row,) = found.rows
     assert row.safety is not None and scores.rows[0].safety is not None
     assert row.safety.people == scores.rows[0].safety.people or what == "people"
@@ -218,22 +233,22 @@ def test_a_frame_whose_truth_cannot_be_told_is_left_out_and_told(
 @pytest.mark.parametrize("truth", ["world", "projected"])
 def test_where_no_frame_can_be_used_there_is_nothing_to_judge(truth: TruthKind) -> None:
     """It was told that nobody of a crowd stood on ground in view, as of a mission without crowds."""
-    recording = open_recording(DEMO)
+    recording = race()
     frames = [replace(one, pixels=replace(one.pixels, heatmap=None)) for one in recording.frames]
     blind = replace(recording, frames=tuple(frames))
     with pytest.raises(ValueError, match="race.*has no heatmap"):
-        score(blind, open_terrain(blind), [RunConfig(EvidenceConfig())], truth=truth)
+        score(blind, race_ground(), [RunConfig(EvidenceConfig())], truth=truth)
 
 
 def test_no_configuration_is_nothing_to_score() -> None:
     """It was an IndexError."""
-    recording = open_recording(DEMO)
+    recording = race()
     with pytest.raises(ValueError, match="configs is empty: give a RunConfig"):
-        score(recording, open_terrain(recording), [])
+        score(recording, race_ground(), [])
 
 
 @pytest.mark.parametrize(("what", "truth"), [("time", "world"), ("people", "world"), ("labels", "projected")])
 def test_where_no_frame_tells_its_truth_there_is_nothing_to_judge(what: str, truth: TruthKind) -> None:
     recording = _damaged(what, 1)
     with pytest.raises(ValueError, match=r"the truth of race can be told of no frame: frame of uav"):
-        score(recording, open_terrain(recording), [RunConfig(EvidenceConfig())], truth=truth)
+        score(recording, race_ground(), [RunConfig(EvidenceConfig())], truth=truth)
