@@ -67,7 +67,13 @@ SWITCHED = Paper(
     initial="first",
     decay_unit="frame",
 )
-RATIO = LikelihoodRatio([0.1 * THIRD], [10.0], [THIRD], THIRD * np.arange(8).reshape(2, 2, 2))
+RATIO = LikelihoodRatio(
+    [0.1 * THIRD],
+    [10.0],
+    [THIRD],
+    THIRD * np.arange(8).reshape(2, 2, 2),
+    (10 * THIRD, LikelihoodRatio([], [], [0.5], [[[-THIRD, THIRD]]])),
+)
 EVIDENCE = Evidence(
     RATIO,
     prior=0.1 * THIRD,

@@ -774,14 +774,25 @@ class LikelihoodRatio:
     tilt_deg   [T - 1] the same for degrees below the horizon
     mean       [M - 1] the same for m
     log_ratio  [D, T, M] natural logarithm, inside [-20, 20]
+    finer      (times, LikelihoodRatio) or None: what was measured of cameras that are so many times as
+               fine, in (1, 1000], by their own metres per pixel. A camera between the two lies between what
+               both say; a look of a finer one speaks no more against crowd than with theirs
 
     A value on a border belongs to the bin above, of `mean` to the bin below; what lies beyond the borders
     belongs to the first or the last bin. CrowdfenceError for borders that do not increase and for a table of
     another shape. It cannot change; it can be compared and pickled.
     """
     def __new__(
-        cls, gsd_m: ArrayLike, tilt_deg: ArrayLike, mean: ArrayLike, log_ratio: ArrayLike
+        cls,
+        gsd_m: ArrayLike,
+        tilt_deg: ArrayLike,
+        mean: ArrayLike,
+        log_ratio: ArrayLike,
+        finer: tuple[float, LikelihoodRatio] | None = None,
     ) -> LikelihoodRatio: ...
+    @property
+    def finer(self) -> tuple[float, LikelihoodRatio] | None:
+        """How many times as fine the cameras of another table are, and that table; None without one."""
     @property
     def gsd_m(self) -> NDArray[np.float32]:
         """Borders of the ground sample distance [D - 1] float32, metres per pixel."""
@@ -795,7 +806,7 @@ class LikelihoodRatio:
     def log_ratio(self) -> NDArray[np.float32]:
         """The table [D, T, M] float32."""
     def of(self, gsd_m: float, tilt_deg: float, mean: float) -> float:
-        """ln P(m | crowd) / P(m | no crowd) of one look."""
+        """ln P(m | crowd) / P(m | no crowd) of one look of a camera of this table."""
     def __getnewargs__(self) -> tuple[Any, ...]: ...
 
 @final
@@ -813,7 +824,8 @@ class Evidence:
     cleared      > 0 and below prior and threshold: up to this probability a voxel is empty; between the two
                  it was looked at, and that showed neither
     focal_px     > 0, of the cameras of the calibration: taken for a view that does not say its own; a look
-                 of a finer camera counts as one of theirs, or where it shows crowd as 1.5 times as fine
+                 of a finer camera weighs as one of theirs, or where it shows crowd as 1.5 times as fine, and
+                 says what those say unless `likelihood` knows finer ones
 
     Looks are averaged, because looks at one place agree; only further drones add to them. CrowdfenceError
     names the parameter that is out of bounds. It cannot change; it can be compared and pickled.

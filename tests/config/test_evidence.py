@@ -16,7 +16,7 @@ from crowdfence.config import (
     LogPoolConfig,
     MovingAverageConfig,
 )
-from crowdfence.detector.contract.contract import Contract, Validity
+from crowdfence.detector.contract.contract import Contract, FinerCameras, Validity
 
 FLOOR = Terrain.from_occupancy(np.ones((4, 1, 1), bool), 1.0)
 RATES = {
@@ -31,9 +31,11 @@ RATES = {
 }
 
 
-def contract(rates: dict[str, Any] | None, validity: Validity | None = None) -> Contract:
+def contract(
+    rates: dict[str, Any] | None, validity: Validity | None = None, finer: FinerCameras | None = None
+) -> Contract:
     """All that matters here of one."""
-    return cast(Contract, SimpleNamespace(rates=rates, validity=validity))
+    return cast(Contract, SimpleNamespace(rates=rates, validity=validity, finer_cameras=finer))
 
 
 def method(config: EvidenceConfig) -> Evidence:
@@ -59,6 +61,30 @@ def test_a_contract_states_table_prior_and_cameras() -> None:
     # What is given is not overruled.
     given = EvidenceConfig(likelihood=LikelihoodRatio([], [], [], [[[0.0]]]), prior=0.1, focal_px=100.0)
     assert given.with_detector(stated) == given
+
+
+def test_a_contract_states_what_was_measured_of_finer_cameras() -> None:
+    """400 px of focal length beside 1000."""
+    table = {**RATES["likelihood_ratio"], "log10_ratio": [[[-1.5, 1.0]], [[-0.4, 0.5]]]}
+    finer = FinerCameras(1000.0, table, Validity(gsd_m=(0.03, 0.3)))
+    stated = contract(RATES, Validity(gsd_m=(0.1, 0.5), distance_m=(40.0, 200.0)), finer)
+    complete = EvidenceConfig().with_detector(stated)
+    assert complete.focal_px == pytest.approx(400.0)
+    assert complete.likelihood is not None and complete.likelihood.finer is not None
+    times, beside = complete.likelihood.finer
+    assert times == pytest.approx(2.5) and beside.finer is None
+    np.testing.assert_allclose(beside.gsd_m, [50.0 / 1000.0])
+    np.testing.assert_allclose(beside.log_ratio[1, 0], np.log(10.0) * np.array([-0.4, 0.5]), rtol=1e-6)
+    np.testing.assert_allclose(
+        complete.likelihood.log_ratio[1, 0], np.log(10.0) * np.array([-0.5, 1.0]), rtol=1e-6
+    )
+    told = json.loads(json.dumps(RunConfig(complete).to_json()))["likelihood"]
+    assert told["finer"][0] == pytest.approx(2.5) and np.shape(told["finer"][1]["log_ratio"]) == (2, 1, 2)
+    coarser = contract(RATES, stated.validity, FinerCameras(300.0, table, Validity()))
+    with pytest.raises(
+        ValueError, match=r"likelihood_ratio cannot be used: times is 0.75; it must be above 1"
+    ):
+        EvidenceConfig().with_detector(coarser)
 
 
 def test_what_it_is_compared_with_takes_the_same_calibration() -> None:

@@ -108,6 +108,22 @@ def test_shares_outside_of_the_tested_range() -> None:
     assert gsd.to_json()["flight_quantiles"]["0.5"] == pytest.approx(0.15)
 
 
+def test_what_finer_cameras_were_tested_at_is_tested_too() -> None:
+    finer = {"focal_px": 1000.0, "validity": {"gsd_m": [0.05, 0.2], "tilt_deg": [10.0, 90.0]}}
+    contract = replace(
+        CONTRACT, validity=Validity((0.1, 0.5), (40.0, 200.0), (20.0, 80.0)), rates={**RATES, "finer": finer}
+    )
+    flight = FlightSample(np.array([0.07, 0.3]), np.array([50.0, 250.0]), np.array([15.0, 85.0]))
+    told = {
+        one.quantity: (one.tested, one.share_below, one.share_above) for one in check_ranges(contract, flight)
+    }
+    assert told == {
+        "gsd_m": ((0.05, 0.5), 0.0, 0.0),
+        "distance_m": ((40.0, 200.0), 0.0, 0.5),
+        "tilt_deg": ((10.0, 90.0), 0.0, 0.0),
+    }
+
+
 def test_a_flight_that_sees_no_ground_has_nothing_to_compare() -> None:
     frames = [Frame("a", number, CAMERA, looking(20.0, -60.0)) for number in range(3)]
     flight = sample_flight(frames, plain(), max_range_m=300.0)

@@ -15,6 +15,9 @@ use crate::method::parameters;
 /// tilt_deg   [T - 1] the same for degrees below the horizon
 /// mean       [M - 1] the same for m
 /// log_ratio  [D, T, M] natural logarithm, inside [-20, 20]
+/// finer      (times, LikelihoodRatio) or None: what was measured of cameras that are so many times as
+///            fine, in (1, 1000], by their own metres per pixel. A camera between the two lies between what
+///            both say; a look of a finer one speaks no more against crowd than with theirs
 ///
 /// A value on a border belongs to the bin above, of `mean` to the bin below; what lies beyond the borders
 /// belongs to the first or the last bin. CrowdfenceError for borders that do not increase and for a table of
@@ -28,16 +31,19 @@ type Columns<'py> = (
     Bound<'py, PyArray1<f32>>,
     Bound<'py, PyArray1<f32>>,
     Bound<'py, PyArray3<f32>>,
+    Option<(f32, PyLikelihoodRatio)>,
 );
 
 #[pymethods]
 impl PyLikelihoodRatio {
     #[new]
+    #[pyo3(signature = (gsd_m, tilt_deg, mean, log_ratio, finer=None))]
     fn new(
         gsd_m: &Bound<'_, PyAny>,
         tilt_deg: &Bound<'_, PyAny>,
         mean: &Bound<'_, PyAny>,
         log_ratio: &Bound<'_, PyAny>,
+        finer: Option<(f32, Bound<'_, PyLikelihoodRatio>)>,
     ) -> PyResult<Self> {
         let borders = |value, name| Array::<f32>::new(value, name, &[None])?.to_vec();
         let (gsd_m, tilt_deg, mean) =
@@ -45,6 +51,12 @@ impl PyLikelihoodRatio {
         let shape = [&gsd_m, &tilt_deg, &mean].map(|borders| Some(borders.len() + 1));
         let table = Array::<f32>::new(log_ratio, "log_ratio", &shape)?.to_vec()?;
         let ratio = LikelihoodRatio::new(gsd_m, tilt_deg, mean, table).map_err(refuse)?;
+        let ratio = match finer {
+            Some((times, table)) => {
+                ratio.with_finer(times, LikelihoodRatio::clone(&table.get().0)).map_err(refuse)?
+            }
+            None => ratio,
+        };
         Ok(PyLikelihoodRatio(Arc::new(ratio)))
     }
 
@@ -73,23 +85,37 @@ impl PyLikelihoodRatio {
         self.column(py, 3).reshape([gsd, tilt, mean])
     }
 
-    /// ln P(m | crowd) / P(m | no crowd) of one look.
+    /// How many times as fine the cameras of another table are, and that table; None without one.
+    #[getter]
+    fn finer(&self) -> Option<(f32, PyLikelihoodRatio)> {
+        let finer = self.0.finer()?;
+        Some((finer.times(), PyLikelihoodRatio(Arc::new(finer.table().clone()))))
+    }
+
+    /// ln P(m | crowd) / P(m | no crowd) of one look of a camera of this table.
     fn of(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> f32 {
         self.0.log_ratio(gsd_m, tilt_deg, mean)
     }
 
     fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Columns<'py>> {
-        Ok((self.gsd_m(py), self.tilt_deg(py), self.mean(py), self.log_ratio(py)?))
+        Ok((self.gsd_m(py), self.tilt_deg(py), self.mean(py), self.log_ratio(py)?, self.finer()))
     }
 
     fn __hash__(&self) -> u64 {
-        let bits = self.0.columns().into_iter().flatten().map(|number| u64::from(number.to_bits()));
+        let finer = self.0.finer().map(|finer| finer.table().columns());
+        let columns = self.0.columns().into_iter().chain(finer.into_iter().flatten());
+        let bits = columns.flatten().map(|number| u64::from(number.to_bits()));
         bits.fold(0u64, |hash, bits| hash.wrapping_mul(31).wrapping_add(bits)) >> 1
     }
 
     pub fn __repr__(&self) -> String {
         let [gsd, tilt, mean, _] = self.0.columns().map(|column| column.len() + 1);
-        format!("LikelihoodRatio({gsd} distances x {tilt} tilts x {mean} values)")
+        let finer =
+            self.0.finer().map(|finer| format!(", another for cameras {} times as fine", finer.times()));
+        format!(
+            "LikelihoodRatio({gsd} distances x {tilt} tilts x {mean} values{})",
+            finer.unwrap_or_default()
+        )
     }
 }
 
@@ -112,7 +138,8 @@ impl PyLikelihoodRatio {
 /// cleared      > 0 and below prior and threshold: up to this probability a voxel is empty; between the two
 ///              it was looked at, and that showed neither
 /// focal_px     > 0, of the cameras of the calibration: taken for a view that does not say its own; a look
-///              of a finer camera counts as one of theirs, or where it shows crowd as 1.5 times as fine
+///              of a finer camera weighs as one of theirs, or where it shows crowd as 1.5 times as fine, and
+///              says what those say unless `likelihood` knows finer ones
 ///
 /// Looks are averaged, because looks at one place agree; only further drones add to them. CrowdfenceError
 /// names the parameter that is out of bounds. It cannot change; it can be compared and pickled.

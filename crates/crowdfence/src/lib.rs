@@ -25,7 +25,7 @@ pub use camera::{Camera, Distortion};
 pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelKnowledge, VoxelState};
 pub use error::{Error, Result};
 pub use method::{
-    Calibration, Evidence, EvidenceSettings, LikelihoodRatio, LinearPool, LogOdds, LogPool, Method,
+    Calibration, Evidence, EvidenceSettings, Finer, LikelihoodRatio, LinearPool, LogOdds, LogPool, Method,
     MovingAverage, Or, Paper,
 };
 pub use observation::{CrowdMass, Observation, SeenVoxels};

@@ -124,6 +124,16 @@ def write_calibrated(
         onnx.save_model(baked, str(temporary))
 
 
+def write_with_contract(model: Path, contract: Contract, output: Path) -> None:
+    """Write the graph of a model as it is, with another contract; atomically."""
+    import onnx
+
+    graph = onnx.load(str(model))
+    write_contract(graph, contract.to_json())
+    with atomic_path(output) as temporary:
+        onnx.save_model(graph, str(temporary))
+
+
 def require_agreement(
     before: Detector, after: Detector, chosen: LogitMap, image: NDArray[np.uint8], *, half: bool = False
 ) -> None:

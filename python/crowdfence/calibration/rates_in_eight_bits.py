@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crowdfence.calibration.calibrate import plan_for
 from crowdfence.calibration.model_file import with_measured_rates
@@ -45,6 +45,12 @@ def in_eight_bits(contract: Contract) -> Contract:
     )
 
 
+def stated_settings(contract: Contract) -> dict[str, Any]:
+    """Of a measurement plan, what the rates of a contract were measured with."""
+    stated = contract.rates or {}
+    return {name: stated[name] for name in _SETTINGS if name in stated}
+
+
 class OwnRates(NamedTuple):
     """Measured of a model in eight bits."""
 
@@ -65,8 +71,7 @@ def with_own_rates(
     ValueError that says why it keeps those: no labels, no map, or fewer missions than they rest on.
     """
     contract, stated = detector.contract, detector.contract.rates or {}
-    plan = replace(plan, **{name: stated[name] for name in _SETTINGS if name in stated})
-    plan = plan_for(contract, plan)
+    plan = plan_for(contract, replace(plan, **stated_settings(contract)))
     if all(open_labelled(path).terrain is None for path in data):
         raise ValueError("no recording comes with a map")
     missions = LabelledMissions(list(data), plan, on_frame)

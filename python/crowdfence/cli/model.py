@@ -240,6 +240,62 @@ def quantize(
     console.stdout().print(console.facts(f"{output}: {detector.contract.name} in eight bits", facts))
 
 
+@app.command("finer")
+def finer(
+    model: Annotated[Path, typer.Argument(help="Calibrated model (.onnx, or a shipped one's name).")],
+    data: Annotated[
+        list[Path],
+        typer.Option(
+            "--data",
+            help="Labelled recording with a map, of cameras finer than those of the calibration, or a folder "
+            "of missions; repeat.",
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Model to write (.onnx).")],
+    every: Annotated[
+        int, typer.Option("--every", help="Look at every n-th frame of each drone only.", min=1)
+    ] = 1,
+    origin: options.Origin = None,
+    assume_local: options.AssumeLocal = False,
+    force: options.Force = False,
+    as_json: options.Json = False,
+) -> None:
+    """Measure what a model is worth behind finer cameras, and write that into it.
+
+    A camera with more pixels, or a longer lens, finds more of a crowd as far away, and more that is none.
+    Method evidence goes by what is measured here, and for cameras between these and those of the calibration
+    by what lies between. Nothing else of the model changes.
+    """
+    from crowdfence.calibration.finer_cameras import with_rates_of_finer
+    from crowdfence.calibration.model_file import write_with_contract
+    from crowdfence.detector.detector import Detector
+    from crowdfence.detector.shipped import model_path
+    from crowdfence.evaluation.labelled_missions import MeasurementPlan, frames_looked_at
+
+    paths, model = options.recordings_in(data), model_path(model)
+    detector = Detector(model)
+    with replaceable_file(output, force=force, reads=[model, *data]):
+        map_options = options.terrain_options(origin=origin, assume_local=assume_local)
+        plan = MeasurementPlan(every=every, terrain_options=map_options)
+        with console.progress("looking", frames_looked_at(paths, every), "frames") as advance:
+            result = with_rates_of_finer(detector, paths, plan, advance)
+        write_with_contract(model, result.contract, output)
+    warn_of_data(result.warnings, result.refused)
+    rates = (result.contract.rates or {})["finer"]
+    if as_json:
+        console.print_json(rates)
+        return
+    facts = {
+        "focal length": f"{result.focal_px:g} px",
+        "missions": str(result.rates.missions),
+        "rates": _rates(rates),
+        "valid for": _spans(
+            None if result.contract.finer_cameras is None else result.contract.finer_cameras.validity
+        ),
+    }
+    console.stdout().print(console.facts(f"{output}: {detector.contract.name} behind finer cameras", facts))
+
+
 def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
     model, output = contract.input, contract.output
     size = "any size" if model.size is None else f"{model.size[0]} x {model.size[1]}"
@@ -265,6 +321,10 @@ def _contract_facts(contract: Contract, source: str) -> dict[str, str]:
     rows["calibration"] = _plain(contract.calibration) or "none: probabilities as the model gives them"
     rows["rates"] = _rates(contract.rates or {})
     rows["valid for"] = _spans(contract.validity)
+    if contract.finer_cameras is not None:
+        rows["finer cameras"] = (
+            f"{contract.finer_cameras.focal_px:g} px, {_spans(contract.finer_cameras.validity)}"
+        )
     rows["on photographs"] = _photographs(contract)
     if contract.sizes is not None and contract.sizes.gsd_m is not None:
         low_m, high_m = contract.sizes.gsd_m

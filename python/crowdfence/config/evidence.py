@@ -49,8 +49,9 @@ class EvidenceConfig:
     0.015."""
     focal_px: float | None = None
     """Focal length of the calibration's cameras; None: the detector's. It stands in for that of views that do
-    not say theirs, and a look of a finer camera counts as one of theirs, or as 1.5 times as fine where it
-    shows crowd: poses are off in degrees, however fine the picture."""
+    not say theirs, and a look of a finer camera weighs as one of theirs, or as 1.5 times as fine where it
+    shows crowd: poses are off in degrees, however fine the picture. It says what such a look says, unless the
+    likelihood knows finer cameras."""
     memory_s: float = 5.0
     """After so many seconds a look weighs 1 / e of what it did."""
     sharp_gsd_m: float = 0.15
@@ -83,7 +84,7 @@ class EvidenceConfig:
             self,
             likelihood=self.likelihood or stated or _shipped_over_all(),
             prior=_share_of_crowd(rates) if self.prior is None else self.prior,
-            focal_px=_focal_px(contract) if self.focal_px is None else self.focal_px,
+            focal_px=calibration_focal_px(contract) if self.focal_px is None else self.focal_px,
         )
 
     def with_terrain(self, terrain: Terrain) -> tuple[EvidenceConfig, tuple[str, ...]]:
@@ -146,19 +147,23 @@ def _shipped_over_all() -> LikelihoodRatio:
 
 def _stated(contract: Contract) -> LikelihoodRatio:
     """The table of a contract, whose distances become metres per pixel of the cameras that it was measured
-    with."""
+    with, and beside it that of finer ones, if there is one."""
     assert contract.rates is not None
-    table = contract.rates["likelihood_ratio"]
+    focal_px, finer = calibration_focal_px(contract), contract.finer_cameras
     try:
-        inner = {
-            name: np.asarray(table[name], np.float32)[1:-1] for name in ("distance_m", "tilt_deg", "mean")
-        }
-        log_ratio = np.asarray(table["log10_ratio"], np.float32) * np.float32(log(10.0))
-        return LikelihoodRatio(
-            inner["distance_m"] / _focal_px(contract), inner["tilt_deg"], inner["mean"], log_ratio
-        )
+        table = _by_gsd(contract.rates["likelihood_ratio"], focal_px)
+        if finer is None:
+            return table
+        beside = finer.focal_px / focal_px, _by_gsd(finer.likelihood_ratio, finer.focal_px)
+        return LikelihoodRatio(table.gsd_m, table.tilt_deg, table.mean, table.log_ratio, beside)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"the detector's likelihood_ratio cannot be used: {error}") from error
+
+
+def _by_gsd(table: dict[str, Any], focal_px: float) -> LikelihoodRatio:
+    inner = {name: np.asarray(table[name], np.float32)[1:-1] for name in ("distance_m", "tilt_deg", "mean")}
+    log_ratio = np.asarray(table["log10_ratio"], np.float32) * np.float32(log(10.0))
+    return LikelihoodRatio(inner["distance_m"] / focal_px, inner["tilt_deg"], inner["mean"], log_ratio)
 
 
 def _share_of_crowd(rates: dict[str, Any]) -> float:
@@ -166,9 +171,9 @@ def _share_of_crowd(rates: dict[str, Any]) -> float:
     return crowd / (crowd + empty) if crowd and empty else DEFAULT_PRIOR
 
 
-def _focal_px(contract: Contract | None) -> float:
-    """A contract states the ranges of distances and of metres per pixel that it was tested in: their
-    ratio."""
+def calibration_focal_px(contract: Contract | None) -> float:
+    """Of the cameras of its calibration: a contract states the ranges of distances and of metres per pixel
+    that it was tested in, whose ratio it is."""
     validity = None if contract is None else contract.validity
     if validity is None or validity.distance_m is None or validity.gsd_m is None:
         return DEFAULT_FOCAL_PX

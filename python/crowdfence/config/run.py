@@ -123,4 +123,5 @@ class RunConfig:
 def _plain(value: Any) -> Any:
     if not isinstance(value, LikelihoodRatio):
         return value
-    return {name: getattr(value, name).tolist() for name in ("gsd_m", "tilt_deg", "mean", "log_ratio")}
+    table = {name: getattr(value, name).tolist() for name in ("gsd_m", "tilt_deg", "mean", "log_ratio")}
+    return table if value.finer is None else {**table, "finer": [value.finer[0], _plain(value.finer[1])]}

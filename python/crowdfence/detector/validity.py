@@ -108,7 +108,7 @@ def check_ranges(contract: Contract, flight: FlightSample) -> list[RangeCheck]:
     checks = []
     for quantity in _NAMES:
         values: NDArray[np.float64] = getattr(flight, quantity)
-        tested = None if contract.validity is None else getattr(contract.validity, quantity)
+        tested = tested_range(contract, quantity)
         low, high = (-np.inf, np.inf) if tested is None else tested
         p05, p50, p95 = (float(value) for value in np.quantile(values, QUANTILES))
         checks.append(
@@ -117,6 +117,16 @@ def check_ranges(contract: Contract, flight: FlightSample) -> list[RangeCheck]:
             )
         )
     return checks
+
+
+def tested_range(contract: Contract, quantity: Quantity) -> tuple[float, float] | None:
+    """Where the detector was tested, behind the cameras of its calibration or finer ones; None where its
+    contract does not say."""
+    tested = None if contract.validity is None else getattr(contract.validity, quantity)
+    finer = None if contract.finer_cameras is None else getattr(contract.finer_cameras.validity, quantity)
+    if tested is None or finer is None:
+        return tested
+    return min(tested[0], finer[0]), max(tested[1], finer[1])
 
 
 def statement_warnings(

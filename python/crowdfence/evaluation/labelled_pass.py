@@ -90,6 +90,30 @@ def measure(
     return PassResult(collected.report(), rates, settings, tuple(without_map), frames)
 
 
+def measure_rates(
+    missions: LabelledMissions, heatmap_of: Callable[[LabelledMission, Frame], Heatmap]
+) -> tuple[VoxelRates, ProjectionSettings]:
+    """The rates alone, which is a tenth of the work of `measure` on large pictures. ValueError for a mission
+    without a map, when maps differ in voxel size, and where no crowd was seen."""
+    plan = missions.plan
+    counter, settings = VoxelRateCounter(b_threshold=plan.b_threshold), None
+    for mission in missions.opened(with_maps=True):
+        if mission.terrain is None:
+            raise ValueError(f"{mission.name} comes without a map: rates per voxel need one")
+        settings, projection = _same_settings(settings, mission, plan), _projection(mission, plan)
+
+        def use(
+            frame: Frame, mission: LabelledMission = mission, projection: LabelledProjection = projection
+        ) -> None:
+            seen = projection.observe(frame, heatmap_of(mission, frame))
+            counter.add(seen, mission.name, missions.unit(mission, frame))
+
+        missions.over_frames(mission, use)
+    if settings is None:
+        raise ValueError("there are no missions")
+    return counter.result(), settings
+
+
 def judged_cells(heatmap: Heatmap, frame: Frame, stride: int) -> Heatmap:
     """The cells of a frame's heatmap that are judged one by one: as many for a picture as a detector of that
     stride answers for, whatever its size is a multiple of."""

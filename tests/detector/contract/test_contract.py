@@ -105,6 +105,12 @@ def test_written_and_read_again_it_is_the_same(given: dict[str, Any]) -> None:
             r"rates.true_positive is 0.9 in \[0.95, 1\]; allowed: 0 <= low <= rate",
         ),
         ({"about": {"map50": [float("nan")]}}, r"about is no JSON .*Out of range.*; allowed: .* not NaN"),
+        ({"rates": {"finer": 3}}, r"rates.finer must be a JSON object, got 3"),
+        ({"rates": {"finer": {"focal_px": 0.0}}}, r"rates.finer.focal_px is 0.0; allowed: .* above 0"),
+        (
+            {"rates": {"finer": {"focal_px": 9.0, "validity": {"gsd_m": 1}}}},
+            r"rates.finer.validity.gsd_m is 1",
+        ),
         ({"rates": {"voxel_size_m": float("inf")}}, r"rates is no JSON .*Out of range"),
         ({"about": {"classes": {1}}}, r"about is no JSON \(.*set.*\); allowed"),
         ({"target_height_m": -1}, r"target_height_m is -1; allowed: a finite number of at least 0"),

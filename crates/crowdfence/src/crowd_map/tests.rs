@@ -633,6 +633,26 @@ fn a_file_of_an_older_version_gives_the_probabilities_that_it_was_saved_with() {
     }
 }
 
+/// Version 6 ended each table of likelihood ratios where version 7 says that there is none of finer cameras.
+#[test]
+fn a_map_of_before_there_were_tables_of_finer_cameras_goes_on() {
+    let mut map = map(evidence());
+    (0..5).for_each(|second| {
+        drop(map.integrate(&[look("a", 0.0, 0.9, second * SECOND)], second * SECOND).unwrap())
+    });
+    let new = map.to_bytes();
+    // Head, terrain, method; 8 settings; no borders of gsd and tilt, 1 of the mean, 2 ratios, each with its count.
+    let says = 20 + 16 + 1 + 8 * 8 + 4 + 4 + (4 + 4) + (4 + 2 * 4);
+    assert_eq!(new[says..says + 4], 0f32.to_le_bytes());
+    let mut old = new[..new.len() - 4].to_vec();
+    old.drain(says..says + 4);
+    old[8..12].copy_from_slice(&6u32.to_le_bytes());
+    let payload = (old.len() - 20) as u64;
+    old[12..20].copy_from_slice(&payload.to_le_bytes());
+    old.extend(crc32fast::hash(&old).to_le_bytes());
+    assert_eq!(CrowdMap::from_bytes(&old, two_voxels()).unwrap().to_bytes(), new);
+}
+
 #[test]
 fn drones_may_come_and_go_within_the_fleet() {
     let mut map = map(paper(0.1, 0.0, DecayUnit::Second, Initial::Zero));
@@ -665,7 +685,9 @@ fn a_saved_map_goes_on_as_if_it_had_never_stopped() {
         }
     };
     let or = Method::Or(Or::new(0.25).unwrap());
-    let stored = [evidence_that_shows(), paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), or];
+    let table = |ratios| LikelihoodRatio::new(vec![], vec![], vec![0.5], ratios).unwrap();
+    let finer = evidence_of(table(vec![-2.0, 3.0]).with_finer(3.0, table(vec![-1.0, 2.0])).unwrap());
+    let stored = [finer, evidence_that_shows(), paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), or];
     for method in stored.into_iter().chain(compared_methods()) {
         let mut whole = map(method);
         instants(&mut whole, 0..10);
@@ -689,8 +711,8 @@ fn a_file_of_another_terrain_version_or_kind_is_refused() {
     assert!(message(b"PNG").contains("too short"));
     assert!(message(&[b'x'; 100]).contains("does not begin with CROWDMAP"));
     let mut newer = bytes.clone();
-    newer[8] = 7;
-    assert!(message(&newer).contains("version 7; this build reads version 1 to 6"));
+    newer[8] = 8;
+    assert!(message(&newer).contains("version 8; this build reads version 1 to 7"));
     assert!(message(&bytes[..bytes.len() - 1]).contains("shorter or longer"));
     let mut flipped = bytes.clone();
     flipped[100] ^= 1;

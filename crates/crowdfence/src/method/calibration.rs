@@ -55,8 +55,8 @@ impl Calibration {
         self.likelihood.write(payload);
     }
 
-    pub(super) fn read(reader: &mut Reader<'_>) -> Result<Calibration> {
+    pub(super) fn read(reader: &mut Reader<'_>, version: u32) -> Result<Calibration> {
         let (prior, focal_px) = (reader.f64()?, reader.f64()?);
-        Calibration::new(Arc::new(LikelihoodRatio::read(reader)?), prior, focal_px)
+        Calibration::new(Arc::new(LikelihoodRatio::read(reader, version)?), prior, focal_px)
     }
 }

@@ -24,7 +24,7 @@ use std::sync::Arc;
 use super::{CLEARLY, Elapsed, FusionMethod, InstantOrder, Parameter, VoxelLook};
 use crate::error::{Result, require};
 
-pub use likelihood::LikelihoodRatio;
+pub use likelihood::{Finer, LikelihoodRatio};
 
 /// Drones of a larger fleet share so many weights, which counts them as fewer than they are.
 pub const DRONE_WEIGHTS: usize = 3;
@@ -61,7 +61,7 @@ pub struct EvidenceSettings {
     /// Probability up to which a place is called empty. Between the two it was looked at, and that showed neither.
     pub cleared: f64,
     /// Focal length of the cameras of the calibration, pixels: taken for a view that does not say its own, and a look of a
-    /// finer camera counts as little finer than theirs.
+    /// finer camera weighs as little finer than theirs.
     pub focal_px: f64,
 }
 

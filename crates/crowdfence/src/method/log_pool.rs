@@ -97,8 +97,8 @@ impl Stored for LogPool {
         payload.f64(self.threshold);
     }
 
-    fn read(reader: &mut Reader<'_>, _version: u32) -> Result<LogPool> {
-        let calibration = Calibration::read(reader)?;
+    fn read(reader: &mut Reader<'_>, version: u32) -> Result<LogPool> {
+        let calibration = Calibration::read(reader, version)?;
         LogPool::new(calibration, TemporalBlend::new(reader.f64()?, reader.f64()?)?, reader.f64()?)
     }
 

@@ -113,8 +113,8 @@ impl Stored for MovingAverage {
         payload.f64(self.threshold);
     }
 
-    fn read(reader: &mut Reader<'_>, _version: u32) -> Result<MovingAverage> {
-        MovingAverage::new(Calibration::read(reader)?, reader.f64()?, reader.f64()?)
+    fn read(reader: &mut Reader<'_>, version: u32) -> Result<MovingAverage> {
+        MovingAverage::new(Calibration::read(reader, version)?, reader.f64()?, reader.f64()?)
     }
 
     fn write_belief(sum: ScoreSum, payload: &mut Writer) {

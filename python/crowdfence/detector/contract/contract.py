@@ -42,6 +42,17 @@ class Validity:
 
 
 @dataclass(frozen=True, slots=True)
+class FinerCameras:
+    """What was measured of cameras finer than those of the calibration: `finer` of the rates."""
+
+    focal_px: float
+    likelihood_ratio: dict[str, Any] = field(hash=False)
+    """As that of the rates themselves."""
+    validity: Validity
+    """Where the model was tested with them."""
+
+
+@dataclass(frozen=True, slots=True)
 class Contract:
     """The whole document. `calibration`, `rates` and `about` are JSON objects still."""
 
@@ -66,6 +77,12 @@ class Contract:
     def temperature(self) -> float:
         """Divides the logits; 1 without a calibration. Of a probability model it is part of the graph."""
         return float((self.calibration or {}).get("temperature", 1.0))
+
+    @property
+    def finer_cameras(self) -> FinerCameras | None:
+        """None: nothing was measured of any."""
+        told = (self.rates or {}).get("finer")
+        return None if told is None else _finer(told)
 
     @property
     def needs_gsd(self) -> bool:
@@ -180,7 +197,15 @@ def _rates(top: JsonSection) -> dict[str, Any] | None:
                 raise DetectorError(
                     f"rates.{name} is {rate:g} in [{low:g}, {high:g}]; allowed: 0 <= low <= rate <= high <= 1"
                 )
+    if rates is not None and rates.get("finer") is not None:
+        _finer(rates["finer"])
     return rates
+
+
+def _finer(value: object) -> FinerCameras:
+    section = JsonSection(value, "rates.finer")
+    table, validity = section.free("likelihood_ratio"), _validity(section.section("validity"))
+    return FinerCameras(section.number("focal_px", 0.0, above=True), table or {}, validity or Validity())
 
 
 def _validity(section: JsonSection | None) -> Validity | None:

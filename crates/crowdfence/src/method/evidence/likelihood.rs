@@ -11,13 +11,24 @@ pub struct LikelihoodRatio {
     tilt_deg: Borders,
     mean: Borders,
     log_ratio: Vec<f32>,
+    finer: Option<Box<Finer>>,
 }
 
-/// A look of a camera that is finer than those of the calibration counts as one of a camera so many times as fine as
-/// these at most, where it shows crowd, and as one of theirs where it shows none. A finer picture finds crowds that theirs
-/// missed, but on the ground it is as far off as theirs: poses are off in degrees, whatever the picture, and what stands
-/// before a crowd hides it from both. Otherwise people 200 m away stand on ground that one look calls empty.
+/// What was measured of cameras that are so many times as fine: their focal length in pixels over that of the others.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finer {
+    times: f32,
+    table: LikelihoodRatio,
+}
+
+/// A look of a camera that is finer than those of the calibration weighs as one of a camera so many times as fine as
+/// these at most, where it shows crowd, and as one of theirs where it shows none; where nothing was measured of finer
+/// cameras, it also says what such a one says. A finer picture finds crowds that theirs missed, but on the ground it is
+/// as far off as theirs: poses are off in degrees, whatever the picture, and what stands before a crowd hides it from
+/// both. Otherwise people 200 m away stand on ground that one look calls empty.
 const FINER: f32 = 1.5;
+/// More pixels across than any camera has.
+const MOST_TIMES: f32 = 1e3;
 
 /// Beyond e^20 a ratio is a guess.
 const MOST: f32 = 20.0;
@@ -46,7 +57,21 @@ impl LikelihoodRatio {
             require(ratio.abs() <= MOST, "log_ratio", f64::from(ratio), "inside [-20, 20]")?;
         }
         let [gsd_m, tilt_deg, mean] = [gsd_m, tilt_deg, mean].map(Borders::new);
-        Ok(LikelihoodRatio { gsd_m, tilt_deg, mean, log_ratio })
+        Ok(LikelihoodRatio { gsd_m, tilt_deg, mean, log_ratio, finer: None })
+    }
+
+    /// The same, and beside it the table of cameras that are `times` as fine, by their own metres per pixel. Looks of
+    /// cameras between the two lie between what both say.
+    pub fn with_finer(self, times: f32, table: LikelihoodRatio) -> Result<LikelihoodRatio> {
+        require(times > 1.0 && times <= MOST_TIMES, "times", f64::from(times), "above 1, at most 1000")?;
+        let LikelihoodRatio { gsd_m, tilt_deg, mean, log_ratio, .. } = table;
+        let table = LikelihoodRatio { gsd_m, tilt_deg, mean, log_ratio, finer: None };
+        Ok(LikelihoodRatio { finer: Some(Box::new(Finer { times, table })), ..self })
+    }
+
+    /// What was measured of finer cameras.
+    pub fn finer(&self) -> Option<&Finer> {
+        self.finer.as_deref()
     }
 
     /// ln P(m | crowd) / P(m | no crowd) of a mean heatmap value, seen at so many metres per pixel and at such a tilt.
@@ -55,22 +80,39 @@ impl LikelihoodRatio {
         self.log_ratio[row * (self.mean.count() + 1) + self.mean.below(mean)]
     }
 
-    /// l of a look, and the metres per pixel that it counts with, by the focal length of the calibration's cameras in
+    /// l of a look, and the metres per pixel that it weighs with, by the focal length of the calibration's cameras in
     /// pixels; see [`FINER`].
     pub(in crate::method) fn of_look(&self, look: &VoxelLook, focal_px: f32) -> (f32, f32) {
-        let fine_m = look.gsd_m(focal_px);
-        let no_finer_than = |gsd_m: f32| {
-            let gsd_m = fine_m.max(gsd_m);
-            (self.log_ratio(gsd_m, look.tilt_deg, look.mean as f32), gsd_m)
+        let (fine_m, as_theirs_m) = (look.gsd_m(focal_px), look.range_m / focal_px);
+        let log_ratio = |gsd_m: f32| self.log_ratio(gsd_m, look.tilt_deg, look.mean as f32);
+        if fine_m >= as_theirs_m {
+            return (log_ratio(fine_m), fine_m);
+        }
+        let little_finer_m = fine_m.max(as_theirs_m / FINER);
+        let said = match &self.finer {
+            Some(finer) => {
+                let part = ((as_theirs_m / fine_m - 1.0) / (finer.times - 1.0)).min(1.0);
+                let theirs = log_ratio(as_theirs_m);
+                let mixed = (1.0 - part) * theirs + part * finer.of_distance(as_theirs_m, look);
+                // Where a finer camera finds nobody, crowds that none finds are as many as with theirs.
+                mixed.max(theirs.min(0.0))
+            }
+            None => match log_ratio(little_finer_m) {
+                crowd if crowd > 0.0 => crowd,
+                _ => log_ratio(as_theirs_m),
+            },
         };
-        let as_theirs_m = look.range_m / focal_px;
-        let finer = no_finer_than(as_theirs_m / FINER);
-        if fine_m < as_theirs_m && finer.0 <= 0.0 { no_finer_than(as_theirs_m) } else { finer }
+        (said, if said > 0.0 { little_finer_m } else { as_theirs_m })
     }
 
     /// The mean heatmap value up to which no look, however close and steep, has a ratio that `is_large`; infinite where
     /// none has.
     pub(super) fn never_up_to(&self, is_large: impl Fn(f32) -> bool) -> f32 {
+        let finer = self.finer.as_ref().map(|finer| finer.table.never_up_to_by_itself(&is_large));
+        self.never_up_to_by_itself(&is_large).min(finer.unwrap_or(f32::INFINITY))
+    }
+
+    fn never_up_to_by_itself(&self, is_large: impl Fn(f32) -> bool) -> f32 {
         let count = self.mean.count() + 1;
         let bins = self.log_ratio.iter().zip((0..count).cycle());
         match bins.filter(|&(&ratio, _)| is_large(ratio)).map(|(_, bin)| bin).min() {
@@ -83,6 +125,23 @@ impl LikelihoodRatio {
     /// Borders between the bins, and the table: `gsd_m`, `tilt_deg`, `mean`, `log_ratio`.
     pub fn columns(&self) -> [&[f32]; 4] {
         [self.gsd_m.as_slice(), self.tilt_deg.as_slice(), self.mean.as_slice(), &self.log_ratio]
+    }
+}
+
+impl Finer {
+    /// How many times as fine.
+    pub fn times(&self) -> f32 {
+        self.times
+    }
+
+    /// The table, which has no finer one.
+    pub fn table(&self) -> &LikelihoodRatio {
+        &self.table
+    }
+
+    /// l as far away as the coarser cameras see so many metres per pixel.
+    fn of_distance(&self, coarse_m: f32, look: &VoxelLook) -> f32 {
+        self.table.log_ratio(coarse_m / self.times, look.tilt_deg, look.mean as f32)
     }
 }
 

@@ -1,11 +1,12 @@
 //! f64 prior, memory_s, sharp_gsd_m, doubt, agreement, threshold, cleared, focal_px; then the borders and the table of
-//! the likelihood ratio, each a u32 count and f32 numbers: gsd_m, tilt_deg, mean, log_ratio. A belief is f32
+//! the likelihood ratio, each a u32 count and f32 numbers: gsd_m, tilt_deg, mean, log_ratio; since version 7 of the file
+//! f32 how many times as fine the cameras of another table are and that table alike, or 0 for none. A belief is f32
 //! evidence and three f32 weights.
 
 use std::sync::Arc;
 
 use super::likelihood::MOST_ENTRIES;
-use super::{DRONE_WEIGHTS, Evidence, EvidenceSettings, LikelihoodRatio, LooksSum};
+use super::{DRONE_WEIGHTS, Evidence, EvidenceSettings, Finer, LikelihoodRatio, LooksSum};
 use crate::error::Result;
 use crate::method::Stored;
 use crate::sealed::{Reader, Writer};
@@ -16,7 +17,7 @@ impl Stored for Evidence {
         self.likelihood.write(payload);
     }
 
-    fn read(reader: &mut Reader<'_>, _version: u32) -> Result<Evidence> {
+    fn read(reader: &mut Reader<'_>, version: u32) -> Result<Evidence> {
         let settings = EvidenceSettings {
             prior: reader.f64()?,
             memory_s: reader.f64()?,
@@ -27,7 +28,7 @@ impl Stored for Evidence {
             cleared: reader.f64()?,
             focal_px: reader.f64()?,
         };
-        Evidence::new(Arc::new(LikelihoodRatio::read(reader)?), settings)
+        Evidence::new(Arc::new(LikelihoodRatio::read(reader, version)?), settings)
     }
 
     fn write_belief(sum: LooksSum, payload: &mut Writer) {
@@ -48,16 +49,34 @@ impl Stored for Evidence {
     }
 }
 
+/// From this version of the file on tables may have that of finer cameras beside them.
+const FINER_SINCE: u32 = 7;
+
 impl LikelihoodRatio {
-    /// The borders and the table, each a u32 count and f32 numbers.
     pub(in crate::method) fn write(&self, payload: &mut Writer) {
+        self.write_table(payload);
+        payload.f32(self.finer().map_or(0.0, Finer::times));
+        if let Some(finer) = self.finer() {
+            finer.table().write_table(payload);
+        }
+    }
+
+    pub(in crate::method) fn read(reader: &mut Reader<'_>, version: u32) -> Result<LikelihoodRatio> {
+        let table = LikelihoodRatio::read_table(reader)?;
+        match if version < FINER_SINCE { 0.0 } else { reader.f32()? } {
+            0.0 => Ok(table),
+            times => table.with_finer(times, LikelihoodRatio::read_table(reader)?),
+        }
+    }
+
+    fn write_table(&self, payload: &mut Writer) {
         for column in self.columns() {
             payload.u32(column.len() as u32);
             column.iter().for_each(|&number| payload.f32(number));
         }
     }
 
-    pub(in crate::method) fn read(reader: &mut Reader<'_>) -> Result<LikelihoodRatio> {
+    fn read_table(reader: &mut Reader<'_>) -> Result<LikelihoodRatio> {
         let (gsd_m, tilt_deg, mean, log_ratio) =
             (column(reader)?, column(reader)?, column(reader)?, column(reader)?);
         LikelihoodRatio::new(gsd_m, tilt_deg, mean, log_ratio)

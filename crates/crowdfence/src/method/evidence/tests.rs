@@ -156,6 +156,50 @@ fn a_look_of_a_camera_finer_than_those_of_the_calibration_is_hardly_finer() {
     assert_close(left(0.9, 400.0), 3.0 * 0.25 / 1.25);
 }
 
+/// Theirs of 100 px say -0.5 and 3.0 up to .2 m a pixel. Of cameras 4 times as fine, another table is known.
+#[test]
+fn what_a_finer_camera_says_was_measured_of_such_cameras() {
+    let finer = LikelihoodRatio::new(vec![0.05], vec![], vec![0.5], vec![-1.5, 1.0, -4.0, 0.6]).unwrap();
+    let both = evidence().likelihood().clone().with_finer(4.0, finer).unwrap();
+    let says = |mean: f64, range_m: f32, focal_px: f32| {
+        both.of_look(&VoxelLook { range_m, focal_px, ..look(0, mean) }, 100.0)
+    };
+    let near = 10.0;
+    // As coarse as theirs, or coarser: theirs alone.
+    assert_eq!(
+        says(0.9, near, 100.0),
+        evidence().likelihood().of_look(&VoxelLook { range_m: near, ..look(0, 0.9) }, 100.0)
+    );
+    assert_eq!(says(0.4, near, 50.0).0, both.log_ratio(0.2, 90.0, 0.4));
+    // 10 m away they see .1 m a pixel, cameras 4 times as fine .025 m, which is below .05 m.
+    assert_eq!(says(0.9, near, 400.0).0, 1.0);
+    assert_eq!(says(0.4, near, 400.0).0, -1.5);
+    assert_eq!(says(0.4, near, 4000.0).0, -1.5); // what is finer still is one of these
+    assert_eq!(says(0.9, 30.0, 4000.0).0, 0.6); // 30 m away .075 m
+    assert_eq!(says(0.4, 30.0, 4000.0).0, -0.5); // that nobody shows speaks no more against crowd than with theirs
+    // 2.5 times as fine lies in the middle.
+    let theirs = both.log_ratio(0.1, 90.0, 0.9);
+    assert!((says(0.9, near, 250.0).0 - (theirs + 1.0) / 2.0).abs() < 1e-6);
+    // It weighs by .1 m where nobody shows, else 1.5 times as fine at most.
+    assert_eq!([says(0.4, near, 400.0).1, says(0.4, near, 250.0).1], [0.1, 0.1]);
+    assert!((says(0.9, near, 400.0).1 - 0.1 / 1.5).abs() < 1e-6);
+    assert!((says(0.9, near, 125.0).1 - 0.08).abs() < 1e-6);
+}
+
+#[test]
+fn a_table_of_cameras_that_are_not_finer_is_refused() {
+    for times in [1.0, 0.5, f32::NAN, f32::INFINITY, 1001.0] {
+        let table = evidence().likelihood().clone();
+        let refusal = table.clone().with_finer(times, table).unwrap_err().to_string();
+        assert!(refusal.starts_with("times is"), "{refusal}");
+    }
+    // The last of several is the one that is known.
+    let table = evidence().likelihood().clone();
+    let twice = table.clone().with_finer(3.0, table.clone()).unwrap();
+    let thrice = table.clone().with_finer(2.0, twice).unwrap();
+    assert_eq!((thrice.finer().unwrap().times(), thrice.finer().unwrap().table()), (2.0, &table));
+}
+
 prop_compose! {
     /// A look and its age in seconds.
     fn aged_look()(
