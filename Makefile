@@ -130,6 +130,8 @@ test-training: setup-training ## the tests that need PyTorch (installs it: 3 GB)
 # NO_CROWD may be a folder of photographs without crowds (training/pictures_without_crowds.py); none took part in what
 # ships.
 MODELS := python/crowdfence/detector/models
+MEASURE_FINER = $(BIN)/crowdfence model finer $(MODELS)/$(1).onnx --data $(MISSIONS)/finer --force -o $(MISSIONS)/$(1).onnx \
+	  && mv $(MISSIONS)/$(1).onnx $(MODELS)/$(1).onnx
 detector: setup-training opengl ## the shipped detectors from their recipe: about eight hours on two cores
 	@mkdir -p $(MISSIONS)/first $(MISSIONS)/second $(MISSIONS)/third
 	LP_NUM_THREADS=1 $(BIN)/python training/simulate_missions.py $(MISSIONS)
@@ -140,6 +142,8 @@ detector: setup-training opengl ## the shipped detectors from their recipe: abou
 	$(BIN)/python training/picture_sizes.py $(MODELS)/crowdnet-s.onnx $(MISSIONS)/calibration
 	$(BIN)/python training/model_card.py $(MODELS)/crowdnet-s.onnx --version 0.1.0
 	$(BIN)/crowdfence model quantize $(MODELS)/crowdnet-s.onnx --data $(MISSIONS)/calibration --force -o $(MODELS)/crowdnet-s-int8.onnx
+	$(call MEASURE_FINER,crowdnet-s)
+	$(call MEASURE_FINER,crowdnet-s-int8)
 	$(BIN)/crowdfence train --data $(MISSIONS)/train --data $(MISSIONS)/varied --validation $(MISSIONS)/validation --resume \
 	  --initial $(MODELS)/crowdnet-s.onnx --live-statistics --seasons --target ground --target silhouettes \
 	  --steps 12000 --licence Apache-2.0 --store $(MISSIONS)/frames -o $(MISSIONS)/second/crowdnet-s.onnx
@@ -155,6 +159,7 @@ detector: setup-training opengl ## the shipped detectors from their recipe: abou
 	$(BIN)/python training/model_card.py $(MISSIONS)/crowdnet-s-wide.onnx --version 0.3.0
 	$(BIN)/crowdfence model quantize $(MISSIONS)/crowdnet-s-wide.onnx --data $(MISSIONS)/calibration --force \
 	  -o $(MODELS)/crowdnet-s-wide-int8.onnx
+	$(call MEASURE_FINER,crowdnet-s-wide-int8)
 
 # A site of its own, with an environment of its own: nothing else needs its packages, and `make test` not the site.
 DOCS_ENV    := out/docs-env

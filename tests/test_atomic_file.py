@@ -161,6 +161,7 @@ REPLACING = {
     "model check": ["model", "check", "nowhere.onnx", "--overlay", "{place}.png"],
     "model evaluate": ["model", "evaluate", "--data", "nowhere.mcap", "--examples", "{place}.png"],
     "model quantize": ["model", "quantize", "{model}", "--data", "nowhere.mcap", "-o", "{place}.onnx"],
+    "model finer": ["model", "finer", "{model}", "--data", "nowhere.mcap", "-o", "{place}.onnx"],
 }
 WRITES = {"--output", "--picture", "--overlay", "--examples", "--report"}
 

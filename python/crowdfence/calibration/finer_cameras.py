@@ -85,6 +85,6 @@ def _check_focal_lengths(focal_px: Sequence[float], least_px: float) -> None:
     if coarsest < least_px or finest > MOST_SPREAD * coarsest:
         raise ValueError(
             f"the cameras of these missions have focal lengths from {coarsest:.4g} to {finest:.4g} px; one "
-            f"table is for cameras from {least_px:.4g} px on, the finest at most {MOST_SPREAD:g} times as fine "
-            "as the coarsest"
+            f"table is for cameras from {least_px:.4g} px on, the finest at most {MOST_SPREAD:g} times as "
+            "fine as the coarsest"
         )

@@ -72,7 +72,7 @@ def calibrate(
     FPR and likelihood ratios per voxel observation, with 95 % intervals over missions. Needs the package onnx
     (`pip install crowdfence\\[train]`).
     """
-    _require_onnx()
+    require_onnx()
     from crowdfence.calibration.calibrate import calibrate_model, plan_for
     from crowdfence.detector.detector import Detector
     from crowdfence.detector.shipped import model_path
@@ -108,11 +108,14 @@ def calibrate(
         _print(result, output)
 
 
-def _require_onnx() -> None:
+def require_onnx() -> None:
+    """ValueError without the package, which is asked before minutes of work."""
     from importlib.util import find_spec
 
     if find_spec("onnx") is None:
-        raise ValueError("calibrate writes ONNX files: pip install 'crowdfence[train]', or onnx alone")
+        raise ValueError(
+            "models are written with the package onnx: pip install 'crowdfence[train]', or onnx alone"
+        )
 
 
 def _as_json(result: ModelCalibration) -> dict[str, Any]:

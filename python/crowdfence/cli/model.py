@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from crowdfence.atomic_file import atomic_path, replaceable_file
 from crowdfence.cli import console, options
+from crowdfence.cli.calibrate import require_onnx
 from crowdfence.cli.refusals import warn_of_data
 from crowdfence.cli.wording import counted
 
@@ -266,6 +267,7 @@ def finer(
     Method evidence goes by what is measured here, and for cameras between these and those of the calibration
     by what lies between. Nothing else of the model changes.
     """
+    require_onnx()
     from crowdfence.calibration.finer_cameras import with_rates_of_finer
     from crowdfence.calibration.model_file import write_with_contract
     from crowdfence.detector.detector import Detector
