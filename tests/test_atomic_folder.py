@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from crowdfence.atomic_folder import replaceable_folder, whole_folder
+from crowdfence.cli.demo import RECORDING
 from support.command_line import crowdfence
 
 CONTENTS = ("zones.json", "summary.json")
@@ -167,13 +168,14 @@ def test_a_folder_that_another_process_writes_is_not_tidied_up(tmp_path: Path) -
 def test_a_run_on_a_full_disk_leaves_the_run_before(tmp_path: Path) -> None:
     """No file of the second run may hold more than 100 kB: its zones fit, its map does not."""
     output = tmp_path / "out"
-    assert crowdfence("demo", "-o", output).returncode == 0
+    words = ["run", str(RECORDING), "--detector", "recorded", "-o", str(output)]
+    assert crowdfence(*words).returncode == 0
     before = {path.name: path.read_bytes() for path in output.iterdir()}
-    refused = crowdfence("demo", "-o", output)
+    refused = crowdfence(*words)
     assert refused.returncode == 1 and f"{output} exists; --force replaces it" in refused.stderr
     code = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
-        f"sys.argv = ['crowdfence', 'demo', '--force', '-o', {str(output)!r}]\n"
+        f"sys.argv = ['crowdfence', *{words}, '--force']\n"
         "from crowdfence.cli import main; main()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

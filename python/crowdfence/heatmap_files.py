@@ -18,6 +18,7 @@ from crowdfence.atomic_file import require_replaceable
 from crowdfence.detector.blank_picture import blank_reason
 from crowdfence.detector.combination import combination_warnings
 from crowdfence.detector.overlay import caption, overlay
+from crowdfence.detector.validity import tested_range
 from crowdfence.exports.heatmap_folder import HEATMAPS, INDEX, HeatmapFolder
 from crowdfence.exports.video import VideoWriter, video_size
 from crowdfence.iso_time import iso_utc
@@ -162,7 +163,7 @@ def _require_place(folder: Path, source: Path | None, *, replace_existing: bool)
 def _unknown_scale(detector: Detector, gsd_m: float | None) -> Iterator[str]:
     """Pictures come without poses, so nobody can tell how far away their ground is."""
     contract = detector.contract
-    tested_m = None if contract.validity is None else contract.validity.gsd_m
+    tested_m = tested_range(contract, "gsd_m")
     if gsd_m is None:
         shown = "" if contract.sizes is None else "; it was shown them at several sizes"
         yield f"pictures without poses: no range could be checked against those of {contract.name}{shown}"

@@ -11,7 +11,7 @@ from support.command_line import crowdfence
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "run"
-    assert crowdfence("demo", "-o", folder, "--json").returncode == 0
+    assert crowdfence("run", RECORDING, "--detector", "recorded", "-o", folder, "--json").returncode == 0
     return folder
 
 

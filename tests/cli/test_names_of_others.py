@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from crowdfence.cli.demo import RECORDING
 from crowdfence.legible import legible, shown, table_cell, unreadable
 from support.command_line import crowdfence
 from support.painted_flights import circling, paint, write_flight
@@ -72,10 +73,10 @@ def test_names_of_zones_are_legible_everywhere(tmp_path: Path) -> None:
         for kind, at in (("Polygon", [ring]), ("Point", ring[0]))
     ]
     (tmp_path / "others.json").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    demo = crowdfence("demo", "-o", tmp_path / "demo", "--json")
-    assert demo.returncode == 0, demo.stderr
+    run = crowdfence("run", RECORDING, "--detector", "recorded", "-o", tmp_path / "run", "--json")
+    assert run.returncode == 0, run.stderr
     given = ("--static-zones", tmp_path / "others.json")
-    told = crowdfence("export", tmp_path / "demo", "-f", "csv", *given, "-o", tmp_path / "z.csv", columns=300)
+    told = crowdfence("export", tmp_path / "run", "-f", "csv", *given, "-o", tmp_path / "z.csv", columns=300)
     assert told.returncode == 0 and not any(c in told.stderr for c in "\x1b\u202e\u202c")
     assert "others.json: W 7 [2J: a Point closes no ground" in told.stderr
     with open(tmp_path / "z.csv", newline="", encoding="utf-8") as file:

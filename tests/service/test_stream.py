@@ -153,6 +153,34 @@ def test_a_step_that_waited_for_a_slow_listener_has_the_ages_of_its_sending(
     assert told == [{"hello": 0}, {"age": 1}]
 
 
+def test_a_listener_that_goes_while_a_message_arrives_is_served_no_more() -> None:
+    """Until Python 3.12 the cancellation of its sender was lost, and the end of the service waited for it."""
+
+    async def lasted() -> int:
+        for steps in range(6):
+            hub, one, here = stream.Hub(), Listening(), asyncio.all_tasks()
+            hub.start()
+            first = asyncio.create_task(hub.serve(one, {"hello": 0}))
+            while not one.heard:
+                await asyncio.sleep(0.001)
+            serving = asyncio.all_tasks() - here
+            assert first in serving
+            hub.tell({"alert": 0})
+            for _ in range(steps):  # of the loop, from when the message is there until its listener is awake
+                await asyncio.sleep(0)
+            for task in serving:  # as at the end of a loop
+                task.cancel()
+            _, left = await asyncio.wait(serving, timeout=2.0)
+            if left:
+                for task in left:
+                    task.cancel()
+                return len(left)
+        return 0
+
+    with ThreadPoolExecutor(1) as thread:
+        assert thread.submit(lambda: asyncio.run(asyncio.wait_for(lasted(), 60.0))).result() == 0
+
+
 @pytest.mark.parametrize(("alerts", "is_cut_off"), [(900, False), (2001, True)])
 def test_no_alert_is_left_out(alerts: int, is_cut_off: bool) -> None:
     """Hundreds of zones appear with one step: all but the newest 200 alarms were dropped without a word."""

@@ -61,7 +61,7 @@ impl LikelihoodRatio {
     }
 
     /// The same, and beside it the table of cameras that are `times` as fine, by their own metres per pixel. Looks of
-    /// cameras between the two lie between what both say.
+    /// cameras between the two lie between what both say, and none speaks more against crowd than with this one.
     pub fn with_finer(self, times: f32, table: LikelihoodRatio) -> Result<LikelihoodRatio> {
         require(times > 1.0 && times <= MOST_TIMES, "times", f64::from(times), "above 1, at most 1000")?;
         let LikelihoodRatio { gsd_m, tilt_deg, mean, log_ratio, .. } = table;
