@@ -21,7 +21,8 @@ def recipe():
 
 def test_every_mission_is_a_valid_scenario(recipe):
     scenarios = {name: recipe.scenario_of(mission) for name, mission in recipe.missions()}
-    assert all(scenario.camera.width == 640 for scenario in scenarios.values())
+    widths = {(name.startswith("finer/"), scenario.camera.width) for name, scenario in scenarios.items()}
+    assert widths == {(False, 640), (True, 1920)}
     kinds = {name.split("/")[1].split("-")[0] for name in scenarios}
     assert kinds == {"race", "festival", "street", "beach", "empty", "roadside", "packed"}
 
@@ -30,7 +31,8 @@ def test_there_are_as_many_missions_as_the_page_says(recipe):
     """The table of training/README.md: missions by group, and those of the scenarios beside it."""
     names = [name.split("/") for name, _ in recipe.missions()]
     counts = Counter(group for group, _ in names)
-    groups = ("train", "varied", "validation", "calibration", "test-unseen-season", "test-known-seasons")
+    groups = ("train", "varied", "validation", "calibration", "finer")
+    groups += ("test-unseen-season", "test-known-seasons")
     rows = {
         match[1]: [int(number) for number in re.findall(r"\d+", match[2])]
         for match in re.finditer(r"^\| `(\S+)` \| (.*) \|$", (FOLDER / "README.md").read_text(), re.MULTILINE)
