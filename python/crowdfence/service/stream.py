@@ -60,8 +60,6 @@ class _Listener:
         self.step: _Made | None = None
         self.others: deque[str] = deque()
         self.is_behind = False
-        self.is_gone = False
-        """Until Python 3.12 a cancellation can be lost where what is waited for comes at the same time."""
 
 
 class Hub:
@@ -159,7 +157,6 @@ class Hub:
             await asyncio.wait({sender, receiver}, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._listeners.discard(listener)
-            listener.is_gone = True
             for task in (sender, receiver):
                 task.cancel()
         if sender.done() and sender.exception() is None and sender.result():
@@ -170,7 +167,8 @@ class Hub:
 
     async def _send_all(self, socket: WebSocket, listener: _Listener) -> bool:
         """Until the listener goes; whether it has to, because it does not read."""
-        while not listener.is_gone:
+        # Until Python 3.12 its cancellation can be lost, where what it waits for comes at the same time.
+        while listener in self._listeners:
             try:
                 await asyncio.wait_for(listener.news.wait(), PING_EVERY_S)
             except asyncio.TimeoutError:
