@@ -14,9 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import onnx
-
-from crowdfence.calibration.graph import write_contract
+from crowdfence.calibration.model_file import write_with_contract
 from crowdfence.detector.detector import Detector
 
 
@@ -47,10 +45,8 @@ def main() -> None:
         about.pop("photographs", None)
         if given.photographs is not None:
             about["photographs"] = photographs(json.loads(given.photographs.read_text()))
-        graph = onnx.load(str(path))
         stated = replace(contract, version=given.version, about=about)
-        write_contract(graph, stated.to_json())
-        onnx.save_model(graph, str(path))
+        write_with_contract(path, stated, path)
         print(f"{path}: version {given.version}, {about}")
 
 

@@ -19,12 +19,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import onnx
 from numpy.typing import NDArray
 
 from crowdfence.calibration.correction import sigmoid
-from crowdfence.calibration.graph import write_contract
 from crowdfence.calibration.logit_counts import cell_logits
+from crowdfence.calibration.model_file import write_with_contract
 from crowdfence.detector.contract.picture_sizes import PictureSizes
 from crowdfence.detector.detector import Detector
 from crowdfence.detector.inference.picture_parts import resized
@@ -118,9 +117,7 @@ def main() -> None:
         sizes=PictureSizes(KNOWN_GSD_M, SIZES, tuple(weights), bias),
         pictures=range_of_missions(looks),
     )
-    graph = onnx.load(str(given.model))
-    write_contract(graph, contract.to_json())
-    onnx.save_model(graph, str(given.model))
+    write_with_contract(given.model, contract, given.model)
     print(f"weights {weights}, bias {bias}, pictures within {contract.pictures and contract.pictures.limit}")
 
 

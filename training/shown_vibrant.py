@@ -11,9 +11,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import onnx
-
-from crowdfence.calibration.graph import write_contract
+from crowdfence.calibration.model_file import write_with_contract
 from crowdfence.detector.detector import Detector
 
 VIBRANCE = 3.0
@@ -27,11 +25,9 @@ def main() -> None:
     contract = Detector(given.model).contract
     if contract.rates is not None:
         sys.exit("error: the model is calibrated, for pictures as they were; give it as it was trained")
-    graph = onnx.load(str(given.model))
     # What joins several sizes is fitted once the model is calibrated: picture_sizes.py.
     shown = replace(contract, input=replace(contract.input, vibrance=given.vibrance), sizes=None)
-    write_contract(graph, shown.to_json())
-    onnx.save_model(graph, str(given.model))
+    write_with_contract(given.model, shown, given.model)
 
 
 if __name__ == "__main__":

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crowdfence import Detector, Terrain, _core
+from crowdfence import Detector
 from crowdfence.calibration.model_file import write_with_contract
 from crowdfence.detector.contract.contract import Contract
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model
-from support.small_recordings import FOV_DEG, HEIGHT, WIDTH, flight, ground, write_airsim
+from support.small_recordings import FOV_DEG, HEIGHT, WIDTH, flight, write_airsim, write_labelled_missions
 
 FOCAL_PX = WIDTH / 2.0 / np.tan(np.radians(FOV_DEG / 2.0))
 """Of the recordings: 19.1 px."""
@@ -26,13 +26,7 @@ TABLE = {
 @pytest.fixture(scope="module")
 def missions(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Two over a plane."""
-    terrain = Terrain.from_points(ground(), 2.0)
-    folders = [tmp_path_factory.mktemp("labelled") / f"mission-{number}" for number in range(2)]
-    for folder in folders:
-        write_airsim(folder, flight(frames=4))
-        written = _core.write_octomap_binary(terrain, np.arange(terrain.voxel_count))
-        (folder / "terrain" / "terrain.bt").write_bytes(written)
-    return folders
+    return write_labelled_missions(tmp_path_factory.mktemp("labelled"))
 
 
 def calibrated(path: Path, times: float, **rates: object) -> Path:

@@ -9,7 +9,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from crowdfence import Detector, Terrain, _core, open_recording
+from crowdfence import Detector, open_recording
 from crowdfence.calibration.quantization import quantize_model
 from crowdfence.detector.combination import COMBINATIONS
 from crowdfence.errors import DetectorError
@@ -17,7 +17,14 @@ from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rec
 from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model
-from support.small_recordings import HEIGHT, WIDTH, flight, ground, write_airsim, write_walled_map
+from support.small_recordings import (
+    HEIGHT,
+    WIDTH,
+    flight,
+    write_airsim,
+    write_labelled_missions,
+    write_walled_map,
+)
 
 CHANNELS = 8
 MODELS = COMBINATIONS.parent
@@ -127,13 +134,7 @@ def quantized(folder: Path, model: Path, data: list[Path], **told: object) -> tu
 @pytest.fixture(scope="module")
 def labelled(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Two missions over a plane."""
-    terrain = Terrain.from_points(ground(), 2.0)
-    folders = [tmp_path_factory.mktemp("labelled") / f"mission-{number}" for number in range(2)]
-    for folder in folders:
-        write_airsim(folder, flight(frames=4))
-        written = _core.write_octomap_binary(terrain, np.arange(terrain.voxel_count))
-        (folder / "terrain" / "terrain.bt").write_bytes(written)
-    return folders
+    return write_labelled_missions(tmp_path_factory.mktemp("labelled"))
 
 
 def test_rates_are_measured_in_eight_bits(model: Path, labelled: list[Path], tmp_path: Path) -> None:

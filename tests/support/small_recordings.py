@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from crowdfence import Terrain, _core
+
 WIDTH, HEIGHT, FOV_DEG = 32, 24, 80.0
 EPOCH_NS = 1_760_000_000_000_000_000
 ORIGIN = (46.5, 8.0, 1200.0)
@@ -200,6 +202,17 @@ def write_hovering(folder: Path, stamps_ns: dict[str, list[int]]) -> Path:
     camera = {"width": 32, "height": 24, "fx": 24.0, "fy": 24.0, "cx": 16.0, "cy": 12.0}
     (folder / "recording.json").write_text(json.dumps({"cameras": {"*": camera}}))
     return folder
+
+
+def write_labelled_missions(folder: Path) -> list[Path]:
+    """Two missions with labels over a plane, whose map lies beside them."""
+    terrain = Terrain.from_points(ground(), 2.0)
+    missions = [folder / f"mission-{number}" for number in range(2)]
+    for mission in missions:
+        write_airsim(mission, flight(frames=4))
+        written = _core.write_octomap_binary(terrain, np.arange(terrain.voxel_count))
+        (mission / "terrain" / "terrain.bt").write_bytes(written)
+    return missions
 
 
 def write_walled_map(mission: Path) -> None:

@@ -53,9 +53,7 @@ def calibrate(
         TruthName,
         typer.Option("--truth", help="Truth of voxels: where people stood (world), or the frame's label."),
     ] = TruthName.auto,
-    every: Annotated[
-        int, typer.Option("--every", help="Look at every n-th frame of each drone only.", min=1)
-    ] = 1,
+    every: options.EveryFrame = 1,
     b_threshold: options.BThreshold = PAPER.b_threshold,
     max_range_m: options.MaxRangeM = DEFAULT.projection.max_range_m,
     target_height_m: options.TargetHeightM = None,

@@ -121,9 +121,7 @@ def evaluate(
     ] = None,
     target_height_m: options.TargetHeightM = None,
     max_range_m: options.MaxRangeM = options.DEFAULT.projection.max_range_m,
-    every: Annotated[
-        int, typer.Option("--every", help="Look at every n-th frame of each drone only.", min=1)
-    ] = 1,
+    every: options.EveryFrame = 1,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
     examples: Annotated[
@@ -253,9 +251,7 @@ def finer(
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Model to write (.onnx).")],
-    every: Annotated[
-        int, typer.Option("--every", help="Look at every n-th frame of each drone only.", min=1)
-    ] = 1,
+    every: options.EveryFrame = 1,
     origin: options.Origin = None,
     assume_local: options.AssumeLocal = False,
     force: options.Force = False,

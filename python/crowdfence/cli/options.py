@@ -206,6 +206,9 @@ ContractPath = Annotated[
     Path | None,
     typer.Option("--contract", help="What the model expects and means (JSON). Default: beside or inside it."),
 ]
+EveryFrame = Annotated[
+    int, typer.Option("--every", help="Look at every n-th frame of each drone only.", min=1)
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
 Files = Annotated[
     str | None,
