@@ -38,7 +38,10 @@ from crowdfence.errors import (
     StampError,
     ViewError,
 )
+from crowdfence.no_telemetry import refuse_telemetry
 from crowdfence.voxel_state import VoxelState
+
+refuse_telemetry()
 
 if TYPE_CHECKING:
     from crowdfence.config import (

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
-import os
 import platform
 import re
 import shutil
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Literal
 
 from crowdfence.errors import one_line
+from crowdfence.usable_cores import usable_cores
 
 State = Literal["ok", "missing", "broken"]
 Group = Literal["needed", "optional", "machine"]
@@ -113,7 +113,7 @@ def _checks(tell: Callable[[str], None]) -> Iterator[Check]:
     tell("OpenGL")
     yield check_opengl()
     tell("machine")
-    yield Check("machine", "processor", "ok", f"{_cores()} cores, {platform.machine()}")
+    yield Check("machine", "processor", "ok", f"{usable_cores()} cores, {platform.machine()}")
     yield Check("machine", "memory", "ok", _memory())
     yield check_folder(Path.cwd())
 
@@ -277,12 +277,6 @@ def _numbers(version: str) -> tuple[int, ...]:
     """Leading numbers of a version: "2.1.0rc1" -> (2, 1, 0)."""
     release = re.match(r"\d+(?:\.\d+)*", version)
     return tuple(int(part) for part in release[0].split(".")) if release else ()
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _memory() -> str:

@@ -17,6 +17,7 @@ from crowdfence.simulation.recording.helping_process import HelperKilled, Helpin
 from crowdfence.simulation.scene import Scene
 from crowdfence.simulation.schedule import Capture
 from crowdfence.sources.mission.messages import FrameContent
+from crowdfence.usable_cores import usable_cores
 
 _T = TypeVar("_T")
 
@@ -120,18 +121,14 @@ def worker_count(asked: int | None) -> int:
     them, and for more than could be of use."""
     if asked is None:
         return _usable_workers()
-    most = max(MOST_WORKERS, _cores())
+    most = max(MOST_WORKERS, usable_cores())
     if not 1 <= asked <= most:
         raise ValueError(f"workers must be between 1 and {most}, got {asked}")
     return asked
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _usable_workers() -> int:
-    cores = _cores()
+    cores = usable_cores()
     try:
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
