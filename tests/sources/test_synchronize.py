@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crowdfence.sources.stamps import LAST_STAMP_NS, stamp_faults
-from crowdfence.sources.synchronize import InstantGrouper, group_instants
+from crowdfence.sources.synchronize import Grouped, InstantGrouper, group_instants
 
 
 @dataclass(frozen=True)
@@ -56,28 +56,28 @@ def test_no_frames_no_instants():
 def test_an_instant_is_known_once_no_frame_can_join_it_any_more():
     grouper = InstantGrouper(tolerance_ns=100, max_delay_ns=50)
     a, b, c = shots(("a", 0), ("b", 60), ("a", 170))
-    assert grouper.push(a) == ([], [])
-    assert grouper.push(b) == ([], [])
+    assert grouper.push(a) == Grouped([], [])
+    assert grouper.push(b) == Grouped([], [])
     # At 170 everything stamped before 120 is there, so nothing can come within 100 of the first frame.
-    assert grouper.push(c) == ([[a, b]], [])
-    assert grouper.flush() == ([[c]], [])
+    assert grouper.push(c) == Grouped([[a, b]], [])
+    assert grouper.flush() == Grouped([[c]], [])
 
 
 def test_the_clock_completes_an_instant_without_a_frame():
     grouper = InstantGrouper(tolerance_ns=100, max_delay_ns=50)
     (a,) = shots(("a", 0))
     grouper.push(a)
-    assert grouper.advance(150) == ([], [])
-    assert grouper.advance(151) == ([[a]], [])
+    assert grouper.advance(150) == Grouped([], [])
+    assert grouper.advance(151) == Grouped([[a]], [])
 
 
 def test_a_frame_whose_time_is_over_is_late_and_in_no_group():
     grouper = InstantGrouper(tolerance_ns=100, max_delay_ns=50)
     a, late, just_in_time = shots(("a", 1000), ("b", 949), ("b", 950))
     grouper.push(a)
-    assert grouper.push(late) == ([], [late])
-    assert grouper.push(just_in_time) == ([], [])
-    assert grouper.flush() == ([[just_in_time, a]], [])
+    assert grouper.push(late) == Grouped([], [late])
+    assert grouper.push(just_in_time) == Grouped([], [])
+    assert grouper.flush() == Grouped([[just_in_time, a]], [])
 
 
 def test_bounds_of_the_grouper_are_named():

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from itertools import count
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 
 class Stamped(Protocol):
@@ -20,8 +21,9 @@ class Stamped(Protocol):
 StampedT = TypeVar("StampedT", bound=Stamped)
 
 
-class Grouped(NamedTuple, Generic[StampedT]):
-    """What became of the frames so far: `instants, late = grouper.push(frame)`."""
+@dataclass(frozen=True)
+class Grouped(Generic[StampedT]):
+    """What became of the frames so far."""
 
     instants: list[list[StampedT]]
     """Groups that no later frame can join any more, in order of time."""
