@@ -6,7 +6,7 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 
 MISSIONS ?= out/missions
 
-.PHONY: help demo test test-rust test-python test-training test-service-kill soak-service bench-service lint fuzz bench \
+.PHONY: help demo test test-rust test-python test-oldest test-training test-service-kill soak-service bench-service lint fuzz bench \
 	bench-rivals lock clean setup wheel setup-rivals setup-training stub opengl demo-recording detector paper \
 	cli-reference page test-page test-web chromium page-picture docs api-reference
 
@@ -71,6 +71,19 @@ opengl: setup
 # would compile the package anew where the environment says that Python keeps nothing.
 test-python: opengl page chromium
 	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+
+# What a user may have: the oldest Python, and of every package the oldest that pyproject.toml allows. The map page is
+# tested by `make test`; what trains needs PyTorch.
+OLDEST        := out/oldest
+OLDEST_EXTRAS := align lidar mavlink mesh octomap ros serve sim ulog video zenoh
+test-oldest: setup opengl page ## Python tests with Python 3.10 and the lowest versions allowed (needs uv)
+	uv venv --quiet --clear --python 3.10 $(OLDEST)
+	uv pip install --quiet --python $(OLDEST) --resolution lowest-direct -r pyproject.toml $(OLDEST_EXTRAS:%=--extra %)
+	uv pip freeze --quiet --python $(OLDEST) > $(OLDEST)/lowest.txt
+	sed -n '/^# tests only/,$$p' requirements.in | uv pip install --quiet --python $(OLDEST) -c $(OLDEST)/lowest.txt \
+	  onnx packaging pytest-xdist -r -
+	PYTHONPATH=python $(OLDEST)/bin/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile -p no:schemathesis \
+	  --ignore=tests/page --ignore=tests/detector_training --ignore=tests/test_wheel.py
 
 # Node comes with the locked Python packages and runs nothing but the build and the tests of the page.
 WEB  := $(filter-out web/node_modules/%,$(shell find web -path web/node_modules -prune -o -type f -print))
