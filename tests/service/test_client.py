@@ -2,6 +2,7 @@
 
 import json
 import math
+import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -130,7 +131,7 @@ def test_a_step_from_before_the_line_broke_is_not_given_after_it() -> None:
     def tell(connection: ServerConnection) -> None:
         connection.send('{"type": "alert"}')
         connection.send('{"type": "step"}')
-        connection.socket.close()
+        connection.socket.shutdown(socket.SHUT_RDWR)  # closed alone it lasts until who reads it is done
 
     with saying_hello(tell) as url:
         messages = Client(url).stream()

@@ -1,6 +1,5 @@
 use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
-use pyo3::types::PyBool;
 
 use crate::errors::StampError;
 
@@ -8,12 +7,14 @@ use crate::errors::StampError;
 /// `#[pyo3(from_py_with = stamp_ns)] stamp_ns: i64`. A float is refused even where it is whole: near today's
 /// stamps floats are 256 ns apart, and a float is as a rule a stamp in seconds.
 pub fn stamp_ns(value: &Bound<'_, PyAny>) -> PyResult<i64> {
+    let kind = value.get_type().name()?.to_string();
     let bound = match value.extract::<i64>() {
-        Ok(stamp_ns) if !value.is_instance_of::<PyBool>() => return Ok(stamp_ns),
+        // Truth values of Python and of numpy, which before 2.3 takes its own for an index too.
+        Ok(stamp_ns) if !matches!(kind.as_str(), "bool" | "bool_") => return Ok(stamp_ns),
         Err(error) if error.is_instance_of::<PyOverflowError>(value.py()) => {
             "; it must fit in 64 bits".to_owned()
         }
-        _ => format!(" (a {}); it must be an integer", value.get_type().name()?),
+        _ => format!(" (a {kind}); it must be an integer"),
     };
     let shown = value.str()?.to_string();
     Err(StampError::new_err(format!("stamp_ns is {shown:.60}{bound}: nanoseconds since the Unix epoch")))
