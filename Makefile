@@ -79,10 +79,10 @@ OLDEST_EXTRAS := align lidar mavlink mesh octomap ros serve sim ulog video zenoh
 test-oldest: wheel opengl ## Python tests with Python 3.10 and the lowest versions allowed (needs uv)
 	uv venv --quiet --clear --python 3.10 $(OLDEST)
 	uv pip install --quiet --python $(OLDEST) --resolution lowest-direct -r pyproject.toml $(OLDEST_EXTRAS:%=--extra %)
-	uv pip install --quiet --python $(OLDEST) --no-deps out/wheels/*.whl
 	uv pip freeze --quiet --python $(OLDEST) > $(OLDEST)/lowest.txt
 	sed -n '/^# tests only/,$$p' requirements.in | uv pip install --quiet --python $(OLDEST) -c $(OLDEST)/lowest.txt \
 	  onnx packaging pytest-xdist -r -
+	uv pip install --quiet --python $(OLDEST) --no-deps out/wheels/*.whl
 	$(OLDEST)/bin/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile -p no:schemathesis \
 	  --ignore=tests/page --ignore=tests/detector_training --ignore=tests/test_wheel.py --ignore=tests/service/test_description.py
 

@@ -78,7 +78,7 @@ def test_what_the_system_refuses_is_one_line_with_the_path(
     def refuse(*_: object, **__: object) -> None:
         raise OSError(error, os.strerror(error))
 
-    # `fsync` stands for the write: an unbuffered file writes in C. Paths had a `mkdir` of their own until 3.10.
+    # `fsync` stands for the write: an unbuffered file writes in C. Paths had their own `mkdir` until 3.10.
     for place, name in {"write": [(os, "fsync")], "mkdir": [(os, "mkdir"), (Path, "mkdir")]}[call]:
         monkeypatch.setattr(place, name, refuse)
     with (
