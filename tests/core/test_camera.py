@@ -59,8 +59,13 @@ def _opencv_project(camera: Camera, points: Array) -> Array:
 
 def _opencv_rays(camera: Camera, pixels: Array) -> Array:
     """Unit rays [N, 3]; NaN where OpenCV's own iteration did not come back to the pixel."""
-    undistort = cv2.fisheye.undistortPoints if camera.model == "kannala_brandt" else cv2.undistortPoints
-    plane = undistort(pixels[:, None], _matrix(camera), np.array(camera.distortion), criteria=UNTIL_CONVERGED)
+    given = pixels[:, None], _matrix(camera), np.array(camera.distortion)
+    if camera.model == "kannala_brandt":
+        plane = cv2.fisheye.undistortPoints(*given, criteria=UNTIL_CONVERGED)
+    elif cv2.__version__.startswith("4."):
+        plane = cv2.undistortPointsIter(*given, None, None, UNTIL_CONVERGED)
+    else:
+        plane = cv2.undistortPoints(*given, criteria=UNTIL_CONVERGED)
     rays = np.column_stack([np.asarray(plane, dtype=np.float64).reshape(-1, 2), np.ones(len(pixels))])
     miss_px = np.linalg.norm(_opencv_project(camera, rays) - pixels, axis=1)
     rays[miss_px > 1e-7] = np.nan

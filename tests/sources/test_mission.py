@@ -554,8 +554,11 @@ def test_an_mcap_of_something_else(tmp_path):
 
 
 def test_a_newer_version_is_refused(tmp_path):
-    with (tmp_path / "m.mcap").open("wb") as file, RosWriter(file) as writer:
+    with (tmp_path / "m.mcap").open("wb") as file:
+        writer = PlainWriter(file)
+        writer.start()
         writer.add_metadata("crowdfence", {"version": "2"})
+        writer.finish()
     with pytest.raises(ValueError, match="version '2', expected 1"):
         open_recording(tmp_path / "m.mcap")
 
