@@ -75,9 +75,10 @@ test-python: opengl page chromium
 # What a user may have: the oldest Python, and of every package the oldest that pyproject.toml allows. The map page is
 # tested by `make test`; what trains needs PyTorch.
 OLDEST        := out/oldest
+OLDEST_PYTHON ?= 3.10
 OLDEST_EXTRAS := align lidar mavlink mesh octomap ros serve sim ulog video zenoh
 test-oldest: wheel opengl ## Python tests with Python 3.10 and the lowest versions allowed (needs uv)
-	uv venv --quiet --clear --python 3.10 $(OLDEST)
+	uv venv --quiet --clear --python $(OLDEST_PYTHON) $(OLDEST)
 	uv pip install --quiet --python $(OLDEST) --resolution lowest-direct -r pyproject.toml $(OLDEST_EXTRAS:%=--extra %)
 	uv pip freeze --quiet --python $(OLDEST) > $(OLDEST)/lowest.txt
 	sed -n '/^# tests only/,$$p' requirements.in | uv pip install --quiet --python $(OLDEST) -c $(OLDEST)/lowest.txt \
