@@ -7,10 +7,10 @@ use crate::errors::StampError;
 /// `#[pyo3(from_py_with = stamp_ns)] stamp_ns: i64`. A float is refused even where it is whole: near today's
 /// stamps floats are 256 ns apart, and a float is as a rule a stamp in seconds.
 pub fn stamp_ns(value: &Bound<'_, PyAny>) -> PyResult<i64> {
-    let kind = value.get_type().name()?.to_string();
+    let kind = value.get_type().name()?;
     let bound = match value.extract::<i64>() {
         // Truth values of Python and of numpy, which before 2.3 takes its own for an index too.
-        Ok(stamp_ns) if !matches!(kind.as_str(), "bool" | "bool_") => return Ok(stamp_ns),
+        Ok(stamp_ns) if !matches!(kind.to_str()?, "bool" | "bool_") => return Ok(stamp_ns),
         Err(error) if error.is_instance_of::<PyOverflowError>(value.py()) => {
             "; it must fit in 64 bits".to_owned()
         }
