@@ -6,8 +6,8 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 
 MISSIONS ?= out/missions
 
-.PHONY: help demo test test-rust test-python test-oldest test-training test-service-kill soak-service bench-service lint fuzz bench \
-	bench-rivals lock clean setup wheel setup-rivals setup-training stub opengl demo-recording detector paper \
+.PHONY: help demo test test-rust test-python test-oldest test-training test-service-kill soak-service bench-service \
+	lint fuzz bench bench-rivals lock clean setup wheel setup-rivals setup-training stub opengl demo-recording detector paper \
 	cli-reference page test-page test-web chromium page-picture docs api-reference
 
 help:
@@ -85,7 +85,8 @@ test-oldest: wheel opengl ## Python tests with Python 3.10 and the lowest versio
 	  onnx packaging pytest-xdist -r -
 	uv pip install --quiet --python $(OLDEST) --no-deps out/wheels/*.whl
 	$(OLDEST)/bin/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile -p no:schemathesis \
-	  --ignore=tests/page --ignore=tests/detector_training --ignore=tests/test_wheel.py --ignore=tests/service/test_description.py
+	  --ignore=tests/page --ignore=tests/detector_training --ignore=tests/test_wheel.py \
+	  --ignore=tests/service/test_description.py
 
 # Node comes with the locked Python packages and runs nothing but the build and the tests of the page.
 WEB  := $(filter-out web/node_modules/%,$(shell find web -path web/node_modules -prune -o -type f -print))

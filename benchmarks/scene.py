@@ -1,6 +1,5 @@
 """Terrain and camera that the benchmarks share."""
 
-import os
 import platform
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence import Camera, View
+from crowdfence.usable_cores import usable_cores
 
 FLIGHT_HEIGHT_M = 80.0
 
@@ -55,5 +55,4 @@ def machine() -> str:
     if cpuinfo.exists():
         models = [line.partition(":")[2] for line in cpuinfo.read_text().splitlines() if "model name" in line]
         name = models[0].strip() if models else name
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return f"{cores} cores, {name}"
+    return f"{usable_cores()} cores, {name}"
