@@ -52,6 +52,7 @@ def detect(
     called_model: Annotated[list[str] | None, typer.Option("--model", hidden=True)] = None,
     contract: options.ContractPath = None,
     threads: Annotated[int, typer.Option("--threads", min=1, max=1024, help="Threads of the model.")] = 1,
+    device: options.DeviceOption = options.DeviceChoice.cpu,
     every: Annotated[
         int,
         typer.Option("--every", min=1, help="Only every N-th frame (of each drone); the rest is left out."),
@@ -88,7 +89,9 @@ def detect(
     if not with_poses:
         with writable_folder(output):
             names = named or [PHOTOGRAPH_MODEL]
-            detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
+            detector = named_detector(
+                names, contract=contract, threads=threads, device=device.value, enlarge=enlarge.value
+            )
             if detector.needs_gsd and gsd_m is None:
                 raise ValueError(
                     f"{detector.contract.name} needs metres per pixel, which pictures without poses do not "
@@ -107,7 +110,9 @@ def detect(
     with replaceable_file(output, force=force, reads=[source]):
         recording = source_options.open_source(source, context.params)
         names = named or [suitable_model(recording)]
-        detector = named_detector(names, contract=contract, threads=threads, enlarge=enlarge.value)
+        detector = named_detector(
+            names, contract=contract, threads=threads, device=device.value, enlarge=enlarge.value
+        )
         if not named:
             tell_choice(detector)
         map_options = options.terrain_options(origin=origin, assume_local=assume_local)
@@ -229,7 +234,7 @@ def _detect_recording(
 def _described(detector: Detector) -> dict[str, Any]:
     from crowdfence.pipeline import describe_model
 
-    return describe_model(detector.contract, detector.path, detector.members)
+    return describe_model(detector.contract, detector.path, detector.members, detector.device)
 
 
 def _report(output: Path, detector: Detector, facts: dict[str, str], reasons: list[str]) -> None:

@@ -23,6 +23,7 @@ def chosen_detector(recording: Recording, told: dict[str, Any]) -> Detector | No
         told["detector"],
         contract=told["contract"],
         enlarge=told["enlarge"].value,
+        device=told["device"].value,
         far_every_s=told.get("far_every_s", 0.0),
     )
     if told["detector"] == options.AUTO and detector is not None:

@@ -53,6 +53,7 @@ def check(
         ),
     ] = None,
     threads: Annotated[int, typer.Option("--threads", min=1, max=1024, help="Threads of the model.")] = 1,
+    device: options.DeviceOption = options.DeviceChoice.cpu,
     overlay: Annotated[
         Path | None, typer.Option("--overlay", help="Write the picture with its heatmap (.png).")
     ] = None,
@@ -73,7 +74,7 @@ def check(
             stack.enter_context(replaceable_file(overlay, force=force, reads=[image]))
         tell = stack.enter_context(console.working())
         tell("running the model")
-        report = check_model(model_path(model), contract, image, gsd_m, threads)
+        report = check_model(model_path(model, device.value), contract, image, gsd_m, threads, device.value)
         if overlay is not None:
             _write_overlay(overlay, report)
     for warning in report.warnings:
@@ -113,6 +114,7 @@ def evaluate(
         Path | None, typer.Option("--contract", help="Contract (.json) instead of the model's own.")
     ] = None,
     enlarge: options.EnlargeOption = options.EnlargeChoice.always,
+    device: options.DeviceOption = options.DeviceChoice.cpu,
     target: Annotated[
         options.LabelTarget | None,
         typer.Option(
@@ -146,7 +148,9 @@ def evaluate(
     _require_png("--examples", examples)
     paths = options.recordings_in(data)
     default = PHOTOGRAPH_MODEL if all(map(is_labelled_pictures, paths)) else SHIPPED_MODEL
-    detector = named_detector(models or [default], contract=contract, enlarge=enlarge.value)
+    detector = named_detector(
+        models or [default], contract=contract, device=device.value, enlarge=enlarge.value
+    )
     for warning in combination_warnings(detector.contract):
         console.warn(warning)
     map_options = options.terrain_options(origin=origin, assume_local=assume_local)

@@ -60,6 +60,7 @@ class DetectorOptions:
     detector: options.DetectorChoice = options.AUTO
     contract: options.ContractPath = None
     enlarge: options.EnlargeOption = options.EnlargeChoice.always
+    device: options.DeviceOption = options.DeviceChoice.cpu
 
 
 class LookOptions:

@@ -117,6 +117,13 @@ class EnlargeChoice(str, Enum):
     always = "always"
 
 
+class DeviceChoice(str, Enum):
+    """Where a model computes."""
+
+    cpu = "cpu"
+    cuda = "cuda"
+
+
 AUTO = ["auto"]
 
 RecordingPaths = Annotated[
@@ -190,6 +197,14 @@ EnlargeOption = Annotated[
         "--enlarge",
         help="Whether the model sees ground that is too far for it enlarged: finds more, costs up to 4 x; "
         "affordable: no more than a 640 x 480 picture costs, or the picture itself.",
+    ),
+]
+DeviceOption = Annotated[
+    DeviceChoice,
+    typer.Option(
+        "--device",
+        help="Where the model computes; cuda: on a GPU of NVIDIA, with the package onnxruntime-gpu in the "
+        "place of onnxruntime.",
     ),
 ]
 FarEveryS = Annotated[

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _SERVER, _LIVE = "Server", "Live views"
 _OF_ZENOH = ("zenoh_config", "zenoh_keys", "ros_domain", "bridge_namespace")
 _OF_LIVE_VIEWS = ("data", "name", "drone", "clock", "mavlink", "mavlink_key", "zenoh", *_OF_ZENOH)
-_OF_MODELS = ("contract", "enlarge", "far_every_s")
+_OF_MODELS = ("contract", "enlarge", "device", "far_every_s")
 TokenFile = Annotated[
     Path | None,
     typer.Option("--tokens", rich_help_panel=_SERVER, help="File that `crowdfence token add` made."),
@@ -269,6 +269,7 @@ def _live(
             words,
             contract=chosen["contract"],
             enlarge=chosen["enlarge"].value,
+            device=chosen["device"].value,
             far_every_s=chosen["far_every_s"],
         )
         if words

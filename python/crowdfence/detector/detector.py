@@ -14,6 +14,7 @@ from crowdfence.detector.combination import CombinedModel, combined_contract, ru
 from crowdfence.detector.contract.contract import Contract, contract_of, read_contract
 from crowdfence.detector.contract.crowd_rules import PeopleRule
 from crowdfence.detector.contract.lookup import FoundContract, find_contract
+from crowdfence.detector.execution_device import Device
 from crowdfence.detector.ground_scale import Gsd
 from crowdfence.detector.inference.even_cells import evenly
 from crowdfence.detector.inference.function_model import (
@@ -60,6 +61,7 @@ class Detector:
         contract: AnyContract | None = None,
         *,
         threads: int = 1,
+        device: Device = "cpu",
         output: Mapping[str, Any] | None = None,
         enlarge: Enlarge = "always",
         far_every_s: float = 0.0,
@@ -67,6 +69,9 @@ class Detector:
         """Load an ONNX model: its file, or a shipped one by its name, such as "crowdnet-s-wide" (None:
         "crowdnet-s").
 
+        device: "cpu", or "cuda": a GPU of NVIDIA, which needs the package onnxruntime-gpu in the place of
+        onnxruntime. `threads` are the processor's. The shipped "crowdnet-s" is then the one in floating
+        point, `crowdnet-s-float32`.
         contract: a Contract, its JSON object or the path of a JSON file, instead of what is found with the
         model (see `contract_lookup`).
         output: the "output" object of a contract, for models that come with Hugging Face's description of the
@@ -76,16 +81,16 @@ class Detector:
         far_every_s: along a flight, such ground is looked at once in so many seconds of a drone and left out
         of its looks in between, see `pipeline.far_looks`; 0: it is never left out.
 
-        OSError when a file cannot be read; DetectorError when the model or the contract cannot be used;
-        ValueError for seconds that are negative or not finite.
+        OSError when a file cannot be read; DetectorError when the model, the contract or the device cannot be
+        used; ValueError for seconds that are negative or not finite.
         """
         if not 0.0 <= far_every_s < float("inf"):
             raise ValueError(f"far_every_s is {far_every_s:g}; it must be finite and >= 0")
-        path = model_path(model)
-        session = open_session(path, threads)
+        path = model_path(model, device)
+        session = open_session(path, threads, device)
         found = find_contract(session.face, output) if contract is None else _given(contract)
         model_shown = SizedModel(OnnxModel(session, found.contract), found.contract, enlarge)
-        self._set_up(model_shown, found, str(path), path)
+        self._set_up(model_shown, found, str(path), path, device)
         self._far_every_s = far_every_s if model_shown.tells_near_from_far else 0.0
 
     def __repr__(self) -> str:
@@ -196,6 +201,11 @@ class Detector:
         return self._path
 
     @property
+    def device(self) -> Device | None:
+        """Where its model computes, None for a function and for a combination."""
+        return self._device
+
+    @property
     def contract_source(self) -> str:
         """Where the contract was read, for people."""
         return self._found.source
@@ -252,8 +262,15 @@ class Detector:
         detector._set_up(model, found, name)
         return detector
 
-    def _set_up(self, model: _Model, found: FoundContract, name: str, path: Path | None = None) -> None:
-        self._model, self._found, self._name, self._path = model, found, name, path
+    def _set_up(
+        self,
+        model: _Model,
+        found: FoundContract,
+        name: str,
+        path: Path | None = None,
+        device: Device | None = None,
+    ) -> None:
+        self._model, self._found, self._name, self._path, self._device = model, found, name, path, device
         self._members: tuple[Detector, ...] = ()
         self._far_every_s = 0.0
 

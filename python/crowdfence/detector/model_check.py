@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.detector import AnyContract, Detector
+from crowdfence.detector.execution_device import Device
 from crowdfence.detector.same_answer import SameAnswer
 from crowdfence.detector.validity import silence_warning
 from crowdfence.errors import DetectorError
@@ -72,12 +73,13 @@ def check_model(
     image: Path | None = None,
     gsd_m: float | None = None,
     threads: int = 1,
+    device: Device = "cpu",
 ) -> ModelCheck:
     """Run a model on `image`, or on a frame of the bundled recording at 640 x 480.
 
     DetectorError or ValueError when model, contract or output cannot be used; OSError for unreadable files.
     """
-    detector = Detector(model, contract, threads=threads)
+    detector = Detector(model, contract, threads=threads, device=device)
     pixels, source = (read_picture(image), str(image)) if image else _test_frame(detector.contract)
     scale = gsd_m if detector.uses_gsd else None
     if scale is None and detector.needs_gsd:

@@ -12,6 +12,7 @@ from threading import Timer
 from typing import TYPE_CHECKING, Any
 
 from crowdfence.detector.contract.model_face import ModelFace, Tensor
+from crowdfence.detector.execution_device import Device, check_runs_on, providers
 from crowdfence.errors import DetectorError, quoted
 
 if TYPE_CHECKING:
@@ -33,29 +34,30 @@ class OnnxSession:
     face: ModelFace
 
 
-def open_session(path: Path, threads: int = 1) -> OnnxSession:
-    """Load a model. FileNotFoundError when there is none, DetectorError when it cannot be used."""
+def open_session(path: Path, threads: int = 1, device: Device = "cpu") -> OnnxSession:
+    """Load a model. FileNotFoundError when there is none, DetectorError when it cannot be used, there or at
+    all."""
     if threads < 1:
         raise ValueError(f"threads is {threads}; allowed: 1 and more")
     if not path.is_file():
         raise FileNotFoundError(f"{path} is no file: no model there")
     import onnxruntime
 
+    computed_by = providers(device)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = _FATAL_ONLY
     try:
         # The runtime's fallback retries with the provider that has just failed, and prints that on stdout.
-        session = onnxruntime.InferenceSession(
-            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
-        )
+        session = onnxruntime.InferenceSession(str(path), options, providers=computed_by, enable_fallback=0)
         inputs, outputs = _tensors(session.get_inputs()), _tensors(session.get_outputs())
         face = ModelFace(path, inputs, outputs, session.get_modelmeta().custom_metadata_map)
     except Exception as error:  # the runtime's exceptions have no base class of their own
         what = reason(error).removeprefix(f"Load model from {path} failed:")
         other = "" if path.suffix == ".onnx" else "; models of other kinds are exported to ONNX first"
         raise DetectorError(f"{path} cannot be loaded by ONNX Runtime: {what}{other}") from None
+    check_runs_on(device, session.get_providers())
     return OnnxSession(session, face)
 
 

@@ -15,6 +15,7 @@ from crowdfence.sources.recording import Recording
 
 if TYPE_CHECKING:
     from crowdfence.detector.detector import Detector
+    from crowdfence.detector.execution_device import Device
     from crowdfence.detector.inference.picture_parts import Enlarge
 
 _RECORDED = "the heatmaps here are the recorded ones"
@@ -28,6 +29,7 @@ def choose_detector(
     *,
     contract: Path | None = None,
     threads: int = 1,
+    device: Device = "cpu",
     enlarge: Enlarge = "always",
     far_every_s: float = 0.0,
 ) -> Detector | None:
@@ -41,7 +43,12 @@ def choose_detector(
     choices = [choice] if isinstance(choice, str) else list(choice)
     if len(choices) > 1:
         return named_detector(
-            choices, contract=contract, threads=threads, enlarge=enlarge, far_every_s=far_every_s
+            choices,
+            contract=contract,
+            threads=threads,
+            device=device,
+            enlarge=enlarge,
+            far_every_s=far_every_s,
         )
     choice = choices[0]
     if recording.layer != CROWD:
@@ -52,18 +59,29 @@ def choose_detector(
             raise ValueError(f"--contract {contract} belongs to a model; {_RECORDED}")
         if enlarge != "always":
             raise ValueError(f"--enlarge {enlarge} is for a model; {_RECORDED}")
+        if device != "cpu":
+            raise ValueError(f"--device {device} is for a model; {_RECORDED}")
         if far_every_s:
             raise ValueError(f"--far-every {far_every_s:g} is for a model; {_RECORDED}")
         return None
     if choice != "auto":
         return named_detector(
-            [choice], contract=contract, threads=threads, enlarge=enlarge, far_every_s=far_every_s
+            [choice],
+            contract=contract,
+            threads=threads,
+            device=device,
+            enlarge=enlarge,
+            far_every_s=far_every_s,
         )
     if contract is not None:
         raise ValueError(f"--contract {contract} belongs to a model: name it with --detector")
     try:
         return named_detector(
-            [suitable_model(recording)], threads=threads, enlarge=enlarge, far_every_s=far_every_s
+            [suitable_model(recording)],
+            threads=threads,
+            device=device,
+            enlarge=enlarge,
+            far_every_s=far_every_s,
         )
     except FileNotFoundError as error:
         raise ValueError(
@@ -117,6 +135,7 @@ def named_detector(
     *,
     contract: Path | None = None,
     threads: int = 1,
+    device: Device = "cpu",
     enlarge: Enlarge = "always",
     far_every_s: float = 0.0,
 ) -> Detector:
@@ -130,11 +149,11 @@ def named_detector(
         raise ValueError(f"--detector {word} cannot be combined; name {SHIPPED_MODEL} or a model's file")
     if contract is not None and len(models) > 1:
         raise ValueError(f"--contract {contract}: several detectors have one each, beside or inside them")
-    files = [model_path(model).resolve() for model in models]  # one file may have several names
+    files = [model_path(model, device).resolve() for model in models]  # one file may have several names
     if twice := [model for number, model in enumerate(models) if files[number] in files[:number]]:
         raise ValueError(f"--detector {twice[0]} is given twice: its opinion would count double")
     detectors = [
-        Detector(model, contract, threads=threads, enlarge=enlarge, far_every_s=far_every_s)
+        Detector(model, contract, threads=threads, device=device, enlarge=enlarge, far_every_s=far_every_s)
         for model in models
     ]
     detector = detectors[0] if len(detectors) == 1 else Detector.combined(detectors)

@@ -25,6 +25,7 @@ from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
+    from crowdfence.detector.execution_device import Device
 
 HeatmapFunction = Callable[[Frame], Pixels]
 
@@ -45,6 +46,8 @@ class HeatmapSource:
     """What a model states about itself."""
     model: Path | None = None
     """The file of a model."""
+    device: Device | None = None
+    """Where a model computes."""
     members: tuple[Detector, ...] = ()
     """The models of a combination."""
     near_of: HeatmapFunction | None = field(default=None, repr=False)
@@ -123,7 +126,11 @@ class HeatmapSource:
 
     def to_json(self) -> dict[str, Any]:
         """For a summary: what made the heatmaps, with the checksum of a model's file."""
-        made = {} if self.contract is None else describe_model(self.contract, self.model, self.members)
+        made = (
+            {}
+            if self.contract is None
+            else describe_model(self.contract, self.model, self.members, self.device)
+        )
         if self.watch.looked_at:
             made["pictures"] = self.watch.to_json()
         if self.near_of is not None:
@@ -232,6 +239,7 @@ def heatmap_source(
         _refusing(heatmap_of),
         detector.contract,
         detector.path,
+        detector.device,
         detector.members,
         near_of,
         detector.far_every_s,
@@ -239,19 +247,29 @@ def heatmap_source(
     )
 
 
-def describe_model(contract: Contract, path: Path | None, members: Sequence[Detector] = ()) -> dict[str, Any]:
-    """Which model exactly, for JSON; `path` is None for a function. `members`: those of a combination."""
+def describe_model(
+    contract: Contract,
+    path: Path | None,
+    members: Sequence[Detector] = (),
+    device: Device | None = None,
+) -> dict[str, Any]:
+    """Which model exactly, for JSON; `path` is None for a function. `members`: those of a combination.
+    `device`: told where it is no processor."""
     described: dict[str, Any] = {
         "name": contract.name,
         "version": contract.version,
         "file": None if path is None else path.name,
         "sha256": None if path is None else _sha256(path),
     }
+    if device not in (None, "cpu"):
+        described["device"] = device
     if members:
         from crowdfence.detector.combination import combination_warnings
 
         described["calibrated_together"] = not combination_warnings(contract)
-        described["members"] = [describe_model(one.contract, one.path, one.members) for one in members]
+        described["members"] = [
+            describe_model(one.contract, one.path, one.members, one.device) for one in members
+        ]
     return described
 
 

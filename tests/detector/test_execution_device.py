@@ -1,0 +1,110 @@
+"""Models on a GPU: nobody gets a processor in its place without a word, and heatmaps are the same."""
+
+import warnings
+
+import numpy as np
+import onnxruntime
+import pytest
+
+from crowdfence import Detector
+from crowdfence.detector import execution_device
+from crowdfence.detector.shipped import SHIPPED_MODEL, shipped_model
+from crowdfence.errors import DetectorError
+from crowdfence.pipeline import choose_detector, describe_model
+from crowdfence.sources import open_recording
+from support.command_line import crowdfence
+from support.foreign_recordings import DEMO
+
+
+def cuda_is_usable() -> bool:
+    try:
+        execution_device.providers("cuda")
+    except DetectorError:
+        return False
+    return True
+
+
+on_a_gpu = pytest.mark.skipif(not cuda_is_usable(), reason="no GPU, or no ONNX Runtime for one")
+"""They ran on an H100; figures: docs/models.md."""
+
+
+def test_a_device_of_another_name_is_refused() -> None:
+    with pytest.raises(ValueError, match="device is 'tpu'; allowed: cpu, cuda"):
+        Detector(device="tpu")  # type: ignore[arg-type]
+
+
+def test_an_onnx_runtime_for_processors_says_which_one_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CPUExecutionProvider"])
+    with pytest.raises(DetectorError, match=r"for processors alone; .* 'onnxruntime-gpu\[cuda,cudnn\]'"):
+        Detector(device="cuda")
+
+
+def test_a_machine_without_a_driver_is_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider"])
+    monkeypatch.setattr(execution_device, "_DRIVER", "libcuda-that-nobody-has.so.1")
+    with pytest.raises(
+        DetectorError, match="no driver of an NVIDIA GPU on this machine: libcuda-that-nobody"
+    ):
+        Detector(device="cuda")
+
+
+def test_a_library_of_cuda_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In ONNX Runtime's own words, which it prints."""
+
+    def preload() -> None:
+        print("Failed to load libcublas.so.13: libcublas.so.13: cannot open shared object file")
+        print("Please follow the instructions")
+
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider"])
+    monkeypatch.setattr(onnxruntime, "preload_dlls", preload)
+    monkeypatch.setattr(execution_device, "_DRIVER", None)  # what this process has loaded already
+    with pytest.raises(DetectorError, match=r"Failed to load libcublas\.so\.13: .*; pip uninstall"):
+        Detector(device="cuda")
+
+
+@pytest.mark.skipif(
+    "CUDAExecutionProvider" in onnxruntime.get_available_providers(), reason="it would not fall back"
+)
+def test_a_session_that_fell_back_to_the_processor_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(execution_device, "_require_cuda", lambda: None)
+    with warnings.catch_warnings(), pytest.raises(DetectorError, match="would use CPUExecutionProvider"):
+        warnings.simplefilter("ignore")  # ONNX Runtime says so and goes on
+        Detector(device="cuda")
+
+
+@pytest.mark.skipif(cuda_is_usable(), reason="there is one")
+def test_the_command_fails_with_one_line_where_there_is_no_gpu() -> None:
+    result = crowdfence("model", "check", "--device", "cuda")
+    assert result.returncode == 1
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: device cuda: ") and result.stderr.count("\n") == 1
+
+
+def test_a_gpu_looks_with_the_network_in_floating_point() -> None:
+    assert shipped_model(SHIPPED_MODEL, "cpu").name == "crowdnet-s-int8.onnx"
+    assert shipped_model(SHIPPED_MODEL, "cuda").name == "crowdnet-s.onnx"
+
+
+def test_recorded_heatmaps_need_no_device() -> None:
+    with pytest.raises(ValueError, match="--device cuda is for a model; the heatmaps here are the recorded"):
+        choose_detector(open_recording(DEMO), "recorded", device="cuda")
+
+
+def test_a_summary_tells_a_device_that_is_no_processor() -> None:
+    detector = Detector()
+    assert detector.device == "cpu"
+    assert "device" not in describe_model(detector.contract, detector.path, device="cpu")
+    assert describe_model(detector.contract, detector.path, device="cuda")["device"] == "cuda"
+
+
+@on_a_gpu
+@pytest.mark.parametrize("model", ["crowdnet-s-float32", "crowdnet-s-wide"])
+def test_heatmaps_are_those_of_the_processor(model: str) -> None:
+    on_cpu, on_gpu = Detector(model), Detector(model, device="cuda")
+    frames = open_recording(DEMO).frames
+    most = 0.0
+    for frame in frames[:: len(frames) // 8]:
+        image = frame.image()
+        for size in (image, image[:431, 57:], np.ascontiguousarray(image[::2, ::2])):
+            most = max(most, float(np.abs(on_cpu(size, 0.1) - on_gpu(size, 0.1)).max()))
+    assert 0.0 < most < 1e-3  # other sums of the same products
