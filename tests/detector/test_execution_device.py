@@ -1,11 +1,13 @@
 """Models on a GPU: nobody gets a processor in its place without a word, and heatmaps are the same."""
 
 import warnings
+from pathlib import Path
 
 import numpy as np
 import onnxruntime
 import pytest
 
+import crowdfence as package
 from crowdfence import Detector
 from crowdfence.detector import execution_device
 from crowdfence.detector.shipped import SHIPPED_MODEL, shipped_model
@@ -13,7 +15,8 @@ from crowdfence.errors import DetectorError
 from crowdfence.pipeline import choose_detector, describe_model
 from crowdfence.sources import open_recording
 from support.command_line import crowdfence
-from support.foreign_recordings import DEMO
+
+DEMO = Path(package.__file__).parent / "demo_data" / "race.mcap"
 
 
 def cuda_is_usable() -> bool:
