@@ -2,6 +2,7 @@
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime
@@ -10,6 +11,8 @@ import pytest
 import crowdfence as package
 from crowdfence import Detector
 from crowdfence.detector import execution_device
+from crowdfence.detector.inference.picture_parts import near_parts, parts_by_gsd
+from crowdfence.detector.onnx_session import SessionPerShape, reason
 from crowdfence.detector.shipped import SHIPPED_MODEL, shipped_model
 from crowdfence.errors import DetectorError
 from crowdfence.pipeline import choose_detector, describe_model
@@ -98,6 +101,55 @@ def test_a_summary_tells_a_device_that_is_no_processor() -> None:
     assert detector.device == "cpu"
     assert "device" not in describe_model(detector.contract, detector.path, device="cpu")
     assert describe_model(detector.contract, detector.path, device="cuda")["device"] == "cuda"
+
+
+def test_what_a_gpu_says_of_itself_is_told_without_its_source_lines() -> None:
+    """As CUDA and ONNX Runtime 1.31 said it on a machine whose GPU was hidden."""
+    error = RuntimeError(
+        "[ONNXRuntimeError] : 1 : FAIL : /onnxruntime_src/core/providers/cuda/cuda_call.cc:146 void "
+        "onnxruntime::CudaCall(ERRTYPE) [with ERRTYPE = cudaError; bool THRW = true] CUDA failure 100: no "
+        "CUDA-capable device is detected ; GPU=-1 ; hostname=one ; file=cuda.cc ; line=312 ; expr=x();"
+    )
+    assert reason(error) == "CUDA failure 100: no CUDA-capable device is detected"
+
+
+def test_every_shape_of_a_picture_has_a_session_of_its_own_and_the_latest_are_kept() -> None:
+    opened: list[list[tuple[int, ...]]] = []
+
+    class Session:
+        def __init__(self) -> None:
+            self.seen: list[tuple[int, ...]] = []
+            opened.append(self.seen)
+
+        def run(self, outputs: Any, inputs: Any, options: Any) -> list[Any]:
+            self.seen.append(inputs["image"].shape)
+            return []
+
+    sessions = SessionPerShape(Session)
+    shapes = [(side, 4) for side in range(1, 9)]
+    for shape in [*shapes, *shapes]:
+        sessions.run(["heatmap"], {"image": np.zeros(shape)}, None)  # type: ignore[arg-type]
+    assert opened == [[shape, shape] for shape in shapes]  # eight fit
+    for shape in [(1, 4), (9, 4), (1, 4), (2, 4)]:  # the ninth takes the place of (2, 4), the oldest
+        sessions.run(["heatmap"], {"image": np.zeros(shape)}, None)  # type: ignore[arg-type]
+    assert opened[8:] == [[(9, 4)], [(2, 4)]]
+    assert opened[0] == [(1, 4)] * 4
+
+
+def test_a_gpu_is_shown_whole_pictures_at_every_size() -> None:
+    """So that those of a camera have few shapes: near ground below, far ground above, sky over it."""
+    gsd_m = np.array([[np.nan] * 4, [0.4] * 4, [0.1] * 4, [0.02] * 4], np.float32)
+    image = np.zeros((480, 640, 3), np.uint8)
+    parts = parts_by_gsd(gsd_m, (0.05, 0.3), image, 4, "always", whole=True)
+    assert [part.shown(image).shape[:2] for part in parts] == [(120, 160), (480, 640), (960, 1280)]
+    owners = sum(part.own.astype(int) for part in parts if part.own is not None)
+    assert (owners == 1).all()
+    near_ground, ground, far_ground = (part.own for part in parts)
+    assert near_ground is not None and near_ground[100].all() and not near_ground[70].any()
+    assert ground is not None and ground[70].all()
+    assert far_ground is not None and far_ground[40].all()
+    near, far = near_parts(gsd_m, (0.05, 0.3), image, 4, whole=True)
+    assert [part.size for part in near] == [0.25, 1.0] and far[40].all() and not far[70].any()
 
 
 @on_a_gpu

@@ -89,7 +89,9 @@ class Detector:
         path = model_path(model, device)
         session = open_session(path, threads, device)
         found = find_contract(session.face, output) if contract is None else _given(contract)
-        model_shown = SizedModel(OnnxModel(session, found.contract), found.contract, enlarge)
+        model_shown = SizedModel(
+            OnnxModel(session, found.contract), found.contract, enlarge, whole_pictures=device != "cpu"
+        )
         self._set_up(model_shown, found, str(path), path, device)
         self._far_every_s = far_every_s if model_shown.tells_near_from_far else 0.0
 

@@ -34,6 +34,7 @@ _PROVIDERS: dict[Device, list[tuple[str, dict[str, Any]]]] = {
     ],
 }
 _INSTALL = "pip uninstall onnxruntime, then pip install 'onnxruntime-gpu[cuda,cudnn]'"
+_ERRORS_ONLY = 3
 _DRIVER = "libcuda.so.1"
 
 
@@ -67,6 +68,8 @@ def _require_cuda() -> None:
         ctypes.CDLL(_DRIVER)
     except OSError as error:
         raise DetectorError(f"device cuda: no driver of an NVIDIA GPU on this machine: {error}") from None
+    # Convolutions that it plans in a roundabout way are told on stderr, one by one, for each picture.
+    onnxruntime.set_default_logger_severity(_ERRORS_ONLY)
     with redirect_stdout(StringIO()) as printed:
         onnxruntime.preload_dlls()  # from the packages of CUDA, which no search path leads to
     missing = next((line for line in printed.getvalue().splitlines() if line.startswith("Failed")), None)

@@ -75,29 +75,32 @@ def parts_by_gsd(
     image: Image,
     stride: int,
     enlarge: Enlarge = "affordable",
+    *,
+    whole: bool = False,
 ) -> list[PicturePart]:
     """The parts of an image [H, W, 3] whose heatmap has cells of `stride` pixels: few for each size needed.
 
-    known_m: metres per pixel that the model knows. ValueError for metres per pixel that are none.
+    known_m: metres per pixel that the model knows. whole: every part shows the whole picture, at its size,
+    so that pictures of a camera have a handful of shapes. ValueError for metres per pixel that are none.
     """
     across_m = across(gsd_m)
     pixels = image.shape[0] * image.shape[1]
     for enlarged in () if enlarge == "never" else ENLARGED:
-        parts = _parts(_sizes(across_m, known_m, enlarged), image, stride)
+        parts = _parts(_sizes(across_m, known_m, enlarged), image, stride, whole)
         shown = sum(part.shown_pixels for part in parts)
         if enlarge == "always" or shown <= AFFORDABLE_SHARE * max(pixels, AFFORDABLE_PX):
             return parts
-    return _parts(_sizes(across_m, known_m, 1.0), image, stride)
+    return _parts(_sizes(across_m, known_m, 1.0), image, stride, whole)
 
 
 def near_parts(
-    gsd_m: Gsd, known_m: tuple[float, float], image: Image, stride: int
+    gsd_m: Gsd, known_m: tuple[float, float], image: Image, stride: int, *, whole: bool = False
 ) -> tuple[list[PicturePart], NDArray[np.bool_]]:
     """The same without ground that is too far away and the sky above it: none of the parts answers for their
     cells [h, w], which are the second."""
     across_m = across(gsd_m)
     far = with_nearest(across_m) > known_m[1]
-    parts = _parts(np.where(far, 0.0, _sizes(across_m, known_m, 1.0)), image, stride)
+    parts = _parts(np.where(far, 0.0, _sizes(across_m, known_m, 1.0)), image, stride, whole)
     return parts, at_cells(far, (-(-image.shape[0] // stride), -(-image.shape[1] // stride)))
 
 
@@ -153,7 +156,7 @@ def _sizes(gsd_m: NDArray[np.float32], known_m: tuple[float, float], enlarged: f
     return np.where((filled > high) & np.isfinite(gsd_m), enlarged, sizes).astype(np.float32)
 
 
-def _parts(sizes: NDArray[np.float32], image: Image, stride: int) -> list[PicturePart]:
+def _parts(sizes: NDArray[np.float32], image: Image, stride: int, whole: bool = False) -> list[PicturePart]:
     """The parts of each size [r, c] over the image; none of size 0."""
     height, width = image.shape[:2]
     if (sizes == 1.0).all():
@@ -162,6 +165,9 @@ def _parts(sizes: NDArray[np.float32], image: Image, stride: int) -> list[Pictur
     parts = []
     for size in np.unique(size_of_cell[size_of_cell > 0.0]).tolist():
         cells = size_of_cell == size
+        if whole:
+            parts.append(PicturePart(size, slice(0, height), slice(0, width), cells))
+            continue
         cost = PART_COST_PX / (size * stride) ** 2
         for box in covering_boxes(cells, _margin_cells(size, stride), cost):
             own = np.zeros_like(cells)

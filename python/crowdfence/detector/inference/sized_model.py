@@ -39,10 +39,20 @@ _MOST_LOGIT = 16.0
 class SizedModel:
     """An ONNX model, shown pictures as `Contract.sizes` says. As safe between threads as the model."""
 
-    def __init__(self, model: OnnxModel, contract: Contract, enlarge: Enlarge = "always") -> None:
+    def __init__(
+        self,
+        model: OnnxModel,
+        contract: Contract,
+        enlarge: Enlarge = "always",
+        *,
+        whole_pictures: bool = False,
+    ) -> None:
+        """`whole_pictures`: at every size the whole picture is shown, and not those parts of it that need
+        that size. On a GPU pixels cost little, and every new shape of them much (`SessionPerShape`)."""
         self._model, self._output = model, contract.output
         self._sizes = contract.sizes or PictureSizes()
         self._enlarge: Enlarge = enlarge
+        self._whole = whole_pictures
         self.sees_pictures_as_they_are = contract.sizes is None
 
     def heatmap(self, image: Image, gsd_m: Gsd | None, *, as_it_is: bool = False) -> Map:
@@ -83,7 +93,7 @@ class SizedModel:
         nor was the sky above it."""
         known_m = self._sizes.gsd_m
         assert known_m is not None and self.tells_near_from_far
-        parts, far = near_parts(gsd_m, known_m, image, self._output.stride)
+        parts, far = near_parts(gsd_m, known_m, image, self._output.stride, whole=self._whole)
         values = self._map(image, parts) if parts else np.zeros(far.shape, np.float32)
         return np.ma.MaskedArray(np.where(far, np.float32(0.0), values), far)
 
@@ -107,7 +117,7 @@ class SizedModel:
             return [PicturePart(size, rows, columns, None) for size in sizes.without_gsd]
         if sizes.gsd_m is None:
             return [PicturePart(1.0, rows, columns, None)]
-        return parts_by_gsd(gsd_m, sizes.gsd_m, image, stride, self._enlarge)
+        return parts_by_gsd(gsd_m, sizes.gsd_m, image, stride, self._enlarge, whole=self._whole)
 
     def _map(self, image: Image, parts: list[PicturePart]) -> Map:
         """Values [h, w]: probabilities, or people per image pixel for a density model."""
