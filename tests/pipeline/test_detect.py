@@ -311,19 +311,21 @@ def test_automatic_choice(
     without = open_recording(write_folder(tmp_path / "plain", flight()))
     some_missing = tmp_path / "some"
     shutil.copytree(recorded, some_missing)
-    monkeypatch.setattr("crowdfence.detector.shipped.shipped_model", lambda _: model)
+    monkeypatch.setattr("crowdfence.detector.shipped.shipped_model", lambda _, device: model)
     chosen = choose_detector(with_pictures, "auto")
     assert chosen is not None and chosen.path == model
     assert choose_detector(with_pictures, "recorded") is None
     assert choose_detector(without, "auto") is None
     with pytest.raises(ValueError, match="belongs to a model"):
         choose_detector(without, "auto", contract=Path("contract.json"))
+    with pytest.raises(ValueError, match="--device cuda is for a model"):
+        choose_detector(with_pictures, "recorded", device="cuda")
     with pytest.raises(ValueError, match="--enlarge never is for a model"):
         choose_detector(with_pictures, "recorded", enlarge="never")
     with pytest.raises(FileNotFoundError, match="nowhere.onnx"):
         choose_detector(with_pictures, "nowhere.onnx")
 
-    def missing(_: str) -> Path:
+    def missing(_: str, device: str) -> Path:
         raise FileNotFoundError("no model")
 
     monkeypatch.setattr("crowdfence.detector.shipped.shipped_model", missing)
