@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import onnxruntime
 import pytest
 
@@ -12,7 +13,8 @@ import crowdfence as package
 from crowdfence import Detector
 from crowdfence.detector import execution_device
 from crowdfence.detector.inference.picture_parts import near_parts, parts_by_gsd
-from crowdfence.detector.onnx_session import SessionPerShape, reason
+from crowdfence.detector.onnx_session import reason
+from crowdfence.detector.session_per_shape import SessionPerShape
 from crowdfence.detector.shipped import SHIPPED_MODEL, shipped_model
 from crowdfence.errors import DetectorError
 from crowdfence.pipeline import describe_model
@@ -106,6 +108,47 @@ def test_what_a_gpu_says_of_itself_is_told_without_its_source_lines() -> None:
         "CUDA-capable device is detected ; GPU=-1 ; hostname=one ; file=cuda.cc ; line=312 ; expr=x();"
     )
     assert reason(error) == "CUDA failure 100: no CUDA-capable device is detected"
+
+
+@pytest.fixture
+def as_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that is done for a GPU, on a processor."""
+    monkeypatch.setattr(execution_device, "_require_cuda", lambda: None)
+    on_cpu = execution_device._PROVIDERS["cpu"]
+    monkeypatch.setattr(execution_device, "_PROVIDERS", {"cpu": on_cpu, "cuda": on_cpu})
+
+
+@pytest.mark.usefixtures("as_on_a_gpu")
+def test_a_model_that_is_replaced_while_it_looks_stays_what_it_was(tmp_path: Path) -> None:
+    """A session for another shape is opened when a picture has it."""
+    model = tmp_path / "model.onnx"
+    model.write_bytes(shipped_model("crowdnet-s-float32").read_bytes())
+    image = open_recording(DEMO).frames[0].image()
+    expected = [Detector("crowdnet-s-float32")(one, as_it_is=True) for one in (image, image[:120])]
+    detector = Detector(model, device="cuda")
+    np.testing.assert_array_equal(detector(image, as_it_is=True), expected[0])
+    model.write_bytes(b"no model")
+    np.testing.assert_array_equal(detector(image[:120], as_it_is=True), expected[1])
+
+
+@pytest.mark.usefixtures("as_on_a_gpu")
+def test_what_is_affordable_on_a_gpu_is_all() -> None:
+    """The looks again at what is suspicious would each have a shape of their own."""
+    image = open_recording(DEMO).frames[0].image()
+    gsd_m = np.linspace(0.6, 0.1, 12, dtype=np.float32)[:, None]
+    affordable, always = (Detector(device="cuda", enlarge=one) for one in ("affordable", "always"))
+    np.testing.assert_array_equal(affordable(image, gsd_m), always(image, gsd_m))
+    assert affordable.coarsest_gsd_m == always.coarsest_gsd_m
+
+
+@pytest.mark.usefixtures("as_on_a_gpu")
+def test_weights_in_a_file_beside_the_model_are_found(tmp_path: Path) -> None:
+    parts = onnx.load(shipped_model("crowdnet-s-float32"))
+    onnx.save_model(parts, tmp_path / "model.onnx", save_as_external_data=True, location="weights.bin")
+    assert (tmp_path / "weights.bin").stat().st_size > 2e6
+    image = open_recording(DEMO).frames[0].image()
+    expected = Detector("crowdnet-s-float32")(image, 0.1)
+    np.testing.assert_array_equal(Detector(tmp_path / "model.onnx", device="cuda")(image, 0.1), expected)
 
 
 def test_every_shape_of_a_picture_has_a_session_of_its_own_and_the_latest_are_kept() -> None:

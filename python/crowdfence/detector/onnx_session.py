@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock, Timer
-from typing import TYPE_CHECKING, Any, Protocol
-
-from numpy.typing import NDArray
+from threading import Timer
+from typing import TYPE_CHECKING, Any
 
 from crowdfence.detector.contract.model_face import ModelFace, Tensor
 from crowdfence.detector.execution_device import Device, check_runs_on, providers
+from crowdfence.detector.session_per_shape import Runs, SessionPerShape
 from crowdfence.errors import DetectorError, quoted
 
 if TYPE_CHECKING:
@@ -28,19 +27,8 @@ TIME_LIMIT_VARIABLE = "CROWDFENCE_MODEL_TIME_LIMIT_S"
 _FATAL_ONLY = 4  # what is wrong is in the exception; the runtime would also write it to stderr
 _SOURCE_LINE = re.compile(r"/\S+\.(?:h|cc):\d+ [^()]*\([^()]*\) ")
 _GPU_FAILURE = re.compile(r"(?:CUDA|CUDNN|CUDNN_FE|CUBLAS) failure \d+: .*?(?= ; GPU=)")
+_WEIGHTS_BESIDE_IT = "session.model_external_initializers_file_folder_path"
 _DTYPES = {"float": "float32", "double": "float64"}
-
-
-_MOST_SHAPES = 8
-"""Of pictures, whose sessions are kept: whole ones at five sizes, and the tiles of large ones."""
-
-
-class Runs(Protocol):
-    """What runs a model: an `onnxruntime.InferenceSession`, or several of them."""
-
-    def run(
-        self, outputs: Sequence[str], inputs: Mapping[str, NDArray[Any]], options: onnxruntime.RunOptions
-    ) -> list[Any]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,33 +37,9 @@ class OnnxSession:
     face: ModelFace
 
 
-class SessionPerShape:
-    """A session for each of the latest shapes of its input. For convolutions on a GPU ONNX Runtime plans
-    anew whenever a shape is another one than the last: 1 ms for each of them, where the work itself takes a
-    few hundredths of that."""
-
-    def __init__(self, open_one: Callable[[], Runs]) -> None:
-        self._open_one = open_one
-        self._by_shape: dict[tuple[int, ...], Runs] = {}
-        self._changes = Lock()
-
-    def run(
-        self, outputs: Sequence[str], inputs: Mapping[str, NDArray[Any]], options: onnxruntime.RunOptions
-    ) -> list[Any]:
-        return self._for(next(iter(inputs.values())).shape).run(outputs, inputs, options)
-
-    def _for(self, shape: tuple[int, ...]) -> Runs:
-        with self._changes:
-            session = self._by_shape.pop(shape, None) or self._open_one()
-            self._by_shape[shape] = session  # the latest comes last
-            if len(self._by_shape) > _MOST_SHAPES:
-                del self._by_shape[next(iter(self._by_shape))]
-            return session
-
-
 def open_session(path: Path, threads: int = 1, device: Device = "cpu") -> OnnxSession:
-    """Load a model. FileNotFoundError when there is none, DetectorError when it cannot be used, there or at
-    all."""
+    """Load a model. FileNotFoundError when there is none, OSError when it cannot be read, DetectorError when
+    it cannot be used, there or at all."""
     if threads < 1:
         raise ValueError(f"threads is {threads}; allowed: 1 and more")
     if not path.is_file():
@@ -87,10 +51,14 @@ def open_session(path: Path, threads: int = 1, device: Device = "cpu") -> OnnxSe
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = _FATAL_ONLY
+    model: str | bytes = str(path)
+    if device != "cpu":  # further sessions are of the same model, whatever stands in its place by then
+        model = path.read_bytes()
+        options.add_session_config_entry(_WEIGHTS_BESIDE_IT, str(path.parent))
 
     def open_one() -> onnxruntime.InferenceSession:
         # The runtime's fallback retries with the provider that has just failed, and prints that on stdout.
-        return onnxruntime.InferenceSession(str(path), options, providers=computed_by, enable_fallback=0)
+        return onnxruntime.InferenceSession(model, options, providers=computed_by, enable_fallback=0)
 
     try:
         session = open_one()

@@ -48,10 +48,11 @@ class SizedModel:
         whole_pictures: bool = False,
     ) -> None:
         """`whole_pictures`: at every size the whole picture is shown, and not those parts of it that need
-        that size. On a GPU pixels cost little, and every new shape of them much (`SessionPerShape`)."""
+        that size. On a GPU pixels cost little, and every new shape of them much (`SessionPerShape`). What is
+        affordable is then all."""
         self._model, self._output = model, contract.output
         self._sizes = contract.sizes or PictureSizes()
-        self._enlarge: Enlarge = enlarge
+        self._enlarge: Enlarge = "always" if whole_pictures and enlarge == "affordable" else enlarge
         self._whole = whole_pictures
         self.sees_pictures_as_they_are = contract.sizes is None
 
