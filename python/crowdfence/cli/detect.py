@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -86,12 +87,13 @@ def detect(
 
     with_poses = is_recording(source) or (output.suffix == ".mcap" and is_flight(source))
     named = [*(models or []), *(called_model or [])]
+    named_by_options = partial(
+        named_detector, contract=contract, threads=threads, device=device.value, enlarge=enlarge.value
+    )
     if not with_poses:
         with writable_folder(output):
             names = named or [PHOTOGRAPH_MODEL]
-            detector = named_detector(
-                names, contract=contract, threads=threads, device=device.value, enlarge=enlarge.value
-            )
+            detector = named_by_options(names)
             if detector.needs_gsd and gsd_m is None:
                 raise ValueError(
                     f"{detector.contract.name} needs metres per pixel, which pictures without poses do not "
@@ -110,9 +112,7 @@ def detect(
     with replaceable_file(output, force=force, reads=[source]):
         recording = source_options.open_source(source, context.params)
         names = named or [suitable_model(recording)]
-        detector = named_detector(
-            names, contract=contract, threads=threads, device=device.value, enlarge=enlarge.value
-        )
+        detector = named_by_options(names)
         if not named:
             tell_choice(detector)
         map_options = options.terrain_options(origin=origin, assume_local=assume_local)

@@ -4,6 +4,7 @@ pictures."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,16 +41,10 @@ def choose_detector(
     frame that has a heatmap also has a picture. The shipped models find crowds: of another layer "auto" takes
     the recorded heatmaps. ValueError when a model cannot be used, or the shipped one is missing.
     """
+    named = partial(named_detector, threads=threads, device=device, enlarge=enlarge, far_every_s=far_every_s)
     choices = [choice] if isinstance(choice, str) else list(choice)
     if len(choices) > 1:
-        return named_detector(
-            choices,
-            contract=contract,
-            threads=threads,
-            device=device,
-            enlarge=enlarge,
-            far_every_s=far_every_s,
-        )
+        return named(choices, contract=contract)
     choice = choices[0]
     if recording.layer != CROWD:
         _check_layer(recording, choice)
@@ -65,24 +60,11 @@ def choose_detector(
             raise ValueError(f"--far-every {far_every_s:g} is for a model; {_RECORDED}")
         return None
     if choice != "auto":
-        return named_detector(
-            [choice],
-            contract=contract,
-            threads=threads,
-            device=device,
-            enlarge=enlarge,
-            far_every_s=far_every_s,
-        )
+        return named([choice], contract=contract)
     if contract is not None:
         raise ValueError(f"--contract {contract} belongs to a model: name it with --detector")
     try:
-        return named_detector(
-            [suitable_model(recording)],
-            threads=threads,
-            device=device,
-            enlarge=enlarge,
-            far_every_s=far_every_s,
-        )
+        return named([suitable_model(recording)])
     except FileNotFoundError as error:
         raise ValueError(
             f"{recording.name} has pictures, but the detector that comes with crowdfence is missing "
