@@ -14,7 +14,7 @@ from crowdfence.config import MethodConfig
 from crowdfence.evaluation.safety import BUFFERS_M, Safety
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
 from crowdfence.voxel_state import VoxelState
-from crowdfence.zones.closed_ground import ClosedGround
+from crowdfence.zones.zone_ground import ZoneGround
 
 NO_COLUMNS = np.empty((0, 2), np.int64)
 FINE = np.geomspace(1e-4, 0.99, 60)
@@ -54,13 +54,15 @@ class Judged:
 def judged(
     mission: Mission, method: MethodConfig, thresholds: NDArray[np.float64], *, every: int = 1
 ) -> Judged:
-    """Zones are what is held closed, looked at in every `every`-th of the moments that say who stands
-    where."""
+    """Zones are what is held closed by the rules of a run, but with the `thresholds`, looked at in every
+    `every`-th of the moments that say who stands where."""
     config = cf.RunConfig(method).with_detector(mission.contract)
     crowd_map = config.crowd_map(mission.terrain, mission.drones)
     own = crowd_map.default_threshold()
     safety = [Safety() for _ in thresholds]
-    grounds = [ClosedGround(crowd_map, threshold, threshold) for threshold in thresholds]
+    grounds = [
+        ZoneGround(crowd_map, config.zones.rules(threshold, crowd_map.coverage)) for threshold in thresholds
+    ]
     sweep = ThresholdSweep(FINE)
     watched = [moment.stamp_ns for moment in mission.moments if moment.in_view is not None][::every]
     empty_people = 0

@@ -69,7 +69,7 @@ def sites_of(run: Run) -> tuple[LandingSite, ...]:
         run.crowd_map,
         run.stamp_ns,
         threshold=run.threshold,
-        min_area_m2=run.config.zones.min_area_m2,
+        min_area_m2=run.config.zones.least_area_m2(run.config.projection.coverage),
         closed=run.zones.closed,
         stale_after_s=run.config.zones.stale_after_s,
     )
@@ -115,7 +115,7 @@ def _summary(run: Run, grid: SurfaceGrid, sites: tuple[LandingSite, ...]) -> dic
         **run_facts(run),
         "area_m2": _areas(grid),
         "closed_zones": len(run.zones.closed),
-        "min_area_m2": run.config.zones.min_area_m2,
+        "min_area_m2": run.config.zones.least_area_m2(run.config.projection.coverage),
         "sites": [
             {"id": site.id, "area_m2": site.area_m2, "radius_m": site.radius_m, "slope_deg": site.slope_deg}
             for site in sites

@@ -88,10 +88,23 @@ def test_people_are_counted_once_and_larger_buffers_hold_more_of_them(scores: Sc
 
 
 def test_nobody_in_a_region_too_small_for_a_zone_counts_as_in_one() -> None:
-    recording = race()
-    config = RunConfig(EvidenceConfig(), zones=ZoneConfig(min_area_m2=50.0))
-    with pytest.raises(ValueError, match=r"min_area_m2 is 50: .* leave it at 0"):
-        score(recording, race_ground(), [RunConfig(EvidenceConfig()), config], truth="world")
+    """The least area is that of a run's zones; the largest crowd of the race has some 100 m2."""
+    everything, large, none = (
+        score(
+            race(),
+            race_ground(),
+            [RunConfig(EvidenceConfig(), zones=ZoneConfig(min_area_m2=least))],
+            truth="world",
+        )
+        .rows[0]
+        .safety
+        for least in (0.0, 50.0, 1e6)
+    )
+    assert everything is not None and large is not None and none is not None
+    assert everything.in_zone[0] > large.in_zone[0] > 0
+    assert everything.closed_m2[0] > large.closed_m2[0] > 0.0
+    assert none.in_zone.tolist() == [0] * len(none.in_zone) and none.closed_m2[0] == 0.0
+    assert everything.people == large.people == none.people
 
 
 def test_evidence_calls_less_ground_of_crowds_empty_than_the_others(scores: Scores) -> None:

@@ -32,7 +32,8 @@ class Flown(NamedTuple):
 
 def loop_over(terrain: Terrain, drones: int, max_range_m: float) -> FrameLoop:
     method = EvidenceConfig().fusion_method(terrain, drones=drones)
-    return FrameLoop(CrowdMap(terrain, method, max_range_m=max_range_m), ZoneConfig())
+    everything = ZoneConfig(min_area_m2=0.0)  # however little of it is shown
+    return FrameLoop(CrowdMap(terrain, method, max_range_m=max_range_m), everything)
 
 
 def heatmap(

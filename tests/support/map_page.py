@@ -28,8 +28,8 @@ SOFTWARE_GL = (
 
 def replay(detector: str, speed: str) -> list[str]:
     """The bundled mission."""
-    zones = ["--buffer", "fixed:distance_m=5", "--min-area-m2", "4"]
-    return [str(RECORDING), "--detector", detector, "--replay-speed", speed, *zones]
+    buffer = ["--buffer", "fixed:distance_m=5"]
+    return [str(RECORDING), "--detector", detector, "--replay-speed", speed, *buffer]
 
 
 def free_port() -> int:

@@ -22,7 +22,9 @@ class DrawnZones:
         self.crowd_map = CrowdMap(self.terrain, SURE)
         self._shape = shape
         self._ids = self.terrain.voxel_ids(indices)
-        config = ZoneConfig(threshold=0.5, **options) if config is None else config  # type: ignore[arg-type]
+        if config is None:
+            given = {"threshold": 0.5, "min_area_m2": 0.0, **options}
+            config = ZoneConfig(**given)  # type: ignore[arg-type]
         self.engine = ZoneEngine(self.crowd_map, config.rules(0.5))
         self.stamp_ns = -SECOND_NS
 

@@ -93,7 +93,7 @@ def test_the_older_id_is_kept_though_its_zone_is_smaller() -> None:
 def test_what_evidence_forgets_stays_closed_until_somebody_looks() -> None:
     terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=5.0).fusion_method(terrain, drones=1))
-    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold))
     ids_of = np.arange(6)
     for second in range(3):
         look(crowd_map, "uav1", second * SECOND_NS, ids_of[:3], 0.95)
@@ -125,7 +125,7 @@ def test_a_look_at_the_roof_opens_nothing_below_it() -> None:
     terrain = Terrain.from_indices([(i, 0, k) for i in range(3) for k in (0, 9)], 1.0)
     ground, roof = (terrain.voxel_ids([(i, 0, k) for i in range(3)]) for k in (0, 9))
     crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=1))
-    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold))
     for second, seen, mean in [(0, ground, 0.95), (1, ground, 0.95), (60, roof, 0.0)]:
         look(crowd_map, "uav1", second * SECOND_NS, seen, mean)
         zones = engine.step(second * SECOND_NS)
@@ -143,7 +143,7 @@ def test_a_look_that_could_not_have_shown_anybody_opens_nothing() -> None:
     terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
     config = EvidenceConfig(memory_s=5.0, sharp_gsd_m=0.15, doubt=0.2)
     crowd_map = CrowdMap(terrain, config.fusion_method(terrain, drones=2))
-    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold))
     for second in range(2):
         look(crowd_map, "uav1", second * SECOND_NS, np.arange(6), 0.95)
         engine.step(second * SECOND_NS)
@@ -177,7 +177,7 @@ def test_the_wall_below_a_terrace_says_nothing_of_who_stands_on_it() -> None:
     heights_m[:, 10:] = 4.3
     terrain = Terrain.from_height_map(heights_m, 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=1))
-    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold))
     camera = Camera.pinhole(64, 48, 32.0, 32.0, 32.0, 24.0)
     above, level = np.eye(4), np.eye(4)
     above[:3, :3] = np.diag([1.0, -1.0, -1.0])
@@ -206,7 +206,7 @@ def test_a_look_that_speaks_for_crowd_opens_nothing_however_weak_it_is() -> None
     def zones_after(mean: float) -> ZoneSet:
         crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=1))
         threshold = crowd_map.method.default_threshold
-        engine = ZoneEngine(crowd_map, ZoneConfig().rules(threshold))
+        engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(threshold))
         for second, seen in [(0, 0.95), (1, 0.95), (60, mean)]:
             observation = Observation(
                 terrain,
@@ -237,7 +237,7 @@ def test_crowd_of_a_late_view_is_closed_as_if_it_had_come_in_time() -> None:
 
     def zones_after(looks: list[tuple[str, int, NDArray[np.int64], float]]) -> ZoneSet:
         crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=5.0).fusion_method(terrain, drones=2))
-        engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+        engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold))
         newest_ns = 0
         for drone, stamp_ns, seen, mean in looks:
             newest_ns = max(newest_ns, stamp_ns)
@@ -255,7 +255,7 @@ def test_a_drone_whose_views_always_come_late_opens_ground_as_if_they_came_in_ti
     while the first looks elsewhere: each of its looks is older than the newest instant."""
     terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=2))
-    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold))
     closed = {}
     for half_second in range(80):
         stamp_ns = half_second * SECOND_NS // 2
@@ -274,7 +274,7 @@ def test_a_state_of_a_build_that_kept_when_it_stepped_is_gone_on_from() -> None:
     """In place of when each voxel was last looked at: what was seen after that step is new."""
     terrain = Terrain.from_occupancy(np.ones((6, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=1))
-    rules = ZoneConfig().rules(crowd_map.method.default_threshold)
+    rules = ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold)
     engine = ZoneEngine(crowd_map, rules)
     look(crowd_map, "uav1", 0, np.arange(3), 0.99)
     engine.step(60 * SECOND_NS)
@@ -297,7 +297,7 @@ def test_a_clear_look_is_not_outweighed_for_having_come_late(late: bool) -> None
     of the first was down for a minute or not, nobody has looked since: its ground is closed, not empty."""
     terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=3))
-    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.method.default_threshold))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold))
     half_ns = SECOND_NS // 2
     views = [("near1", 0, 0.0), ("near2", 0, 0.0), ("clear", half_ns, 0.99)]
     views += [("near1", 2 * half_ns, 0.0), ("near2", 2 * half_ns, 0.0), ("", 60 * SECOND_NS, 0.0)]
@@ -324,7 +324,7 @@ def test_a_drone_that_sees_nobody_does_not_open_at_once_what_another_shows() -> 
     terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=2))
     threshold = crowd_map.method.default_threshold
-    engine = ZoneEngine(crowd_map, ZoneConfig().rules(threshold))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(threshold))
 
     def seen(drone: str, stamp_ns: int, mean: float, range_m: float) -> Observation:
         return Observation(
@@ -361,7 +361,9 @@ def test_a_drone_that_sees_nobody_does_not_open_at_once_what_another_shows() -> 
 def test_two_looks_in_a_row_open_ground_where_two_are_asked_for() -> None:
     terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=0.5).fusion_method(terrain, drones=1))
-    rules = dataclasses.replace(ZoneConfig().rules(crowd_map.method.default_threshold), opening_looks=2)
+    rules = dataclasses.replace(
+        ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold), opening_looks=2
+    )
     engine = ZoneEngine(crowd_map, rules)
     seconds = iter(range(0, 600, 60))  # so far apart that each look stands alone
 
@@ -566,7 +568,7 @@ def test_a_zone_expires_when_it_said_it_would() -> None:
     crowd_map = decaying(0.1)
     ground = PLAIN.voxel_ids([(i, j, 0) for i in range(4) for j in range(4)])
     look(crowd_map, "uav1", 5 * SECOND_NS, ground, np.linspace(0.8, 1.0, 16))
-    engine = ZoneEngine(crowd_map, ZoneConfig(threshold=0.3).rules(0.5))
+    engine = ZoneEngine(crowd_map, ZoneConfig(threshold=0.3, min_area_m2=0.0).rules(0.5))
     (zone,) = engine.step(5 * SECOND_NS)
     until_ns = zone.valid_until_ns
     # Equation 3 by hand: exp(-0.1 t) takes the largest P to the threshold.
@@ -581,7 +583,7 @@ def test_a_zone_expires_when_it_said_it_would() -> None:
 @pytest.mark.parametrize("crowd_map", [decaying(0.0), decaying(0.1, "frame"), CrowdMap(PLAIN, Or())])
 def test_what_never_decays_or_nobody_knows_when_has_no_expiry(crowd_map: CrowdMap) -> None:
     look(crowd_map, "uav1", 0, np.arange(9), 1.0)
-    (zone, *_) = ZoneEngine(crowd_map, ZoneConfig(threshold=0.3).rules(0.5)).step(0)
+    (zone, *_) = ZoneEngine(crowd_map, ZoneConfig(threshold=0.3, min_area_m2=0.0).rules(0.5)).step(0)
     assert zone.valid_until_ns is None
 
 
@@ -602,7 +604,7 @@ def observation(drone: str, stamp_ns: int, ids: list[int], mean: float, range_m:
 
 def test_a_zone_tells_who_showed_what_and_why_it_is_still_closed() -> None:
     crowd_map = CrowdMap(PLAIN, Paper(Rates(0.9, 0.05), 0.2, alpha=1.0, fleet_size=2))
-    engine = ZoneEngine(crowd_map, ZoneConfig(threshold=0.002).rules(0.5))
+    engine = ZoneEngine(crowd_map, ZoneConfig(threshold=0.002, min_area_m2=0.0).rules(0.5))
     ids = sorted(PLAIN.voxel_ids([(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)]).tolist())
 
     def step(second: int, *views: Observation) -> ZoneSet:
@@ -626,7 +628,7 @@ def test_a_zone_tells_who_showed_what_and_why_it_is_still_closed() -> None:
 
 def test_zones_that_merge_keep_what_was_seen_of_both() -> None:
     crowd_map = CrowdMap(PLAIN, Or())
-    engine = ZoneEngine(crowd_map, ZoneConfig().rules(0.5))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(0.5))
     near, far = (PLAIN.voxel_ids([(i, 0, 0)]).tolist() for i in (0, 8))
     both = [observation("a", 0, near, 1.0, 10.0), observation("b", 0, far, 1.0, 20.0)]
     crowd_map.integrate_observations(both, 0)
@@ -648,7 +650,7 @@ def test_crowd_is_forgotten_later_than_it_was_seen_or_nobody_knows_when(
     seen_ns = 1_760_000_000 * SECOND_NS
     terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig(memory_s=memory_s).fusion_method(terrain, 1))
-    engine = ZoneEngine(crowd_map, ZoneConfig().rules(crowd_map.default_threshold()))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(crowd_map.default_threshold()))
     look(crowd_map, "uav1", seen_ns, np.arange(3), 0.95)
     (zone,) = engine.step(seen_ns)
     assert (zone.forgotten_ns is not None) == knows_when
@@ -660,7 +662,7 @@ def test_crowd_that_stays_above_an_off_threshold_below_the_prior_is_never_forgot
     terrain = Terrain.from_occupancy(np.ones((3, 1, 1), bool), 1.0)
     crowd_map = CrowdMap(terrain, EvidenceConfig(prior=0.015).fusion_method(terrain, 1))
     for off_threshold, is_forgotten in [(0.02, True), (0.015, False), (0.01, False)]:
-        config = ZoneConfig(off_threshold=off_threshold)
+        config = ZoneConfig(off_threshold=off_threshold, min_area_m2=0.0)
         engine = ZoneEngine(crowd_map, config.rules(crowd_map.default_threshold()))
         look(crowd_map, "uav1", 0, np.arange(3), 0.95)
         (zone,) = engine.step(0)
@@ -815,7 +817,7 @@ def test_a_buffer_beyond_the_map_leaves_nobody_the_heights_of_all_its_ground() -
 
     def closed(crowd: tuple[int, int], **options: float) -> Zone:
         probability = np.array([float((i, j) == crowd) for i, j, _ in places])
-        rules = ZoneConfig(threshold=0.5, **options).rules(0.5)  # type: ignore[arg-type]
+        rules = ZoneConfig(threshold=0.5, min_area_m2=0.0, **options).rules(0.5)  # type: ignore[arg-type]
         (zone,) = ZoneEngine(crowd_map_of(places, probability), rules).step(0)
         assert (zone.lower_m, zone.upper_m) == (300.0, 301.0)
         return zone
@@ -998,7 +1000,7 @@ def test_what_changed_gives_the_zones_of_everything(seed: int, name: str, low: f
         zones = engine.step(step_ns)
         assert zones == other.step(step_ns)
         slow.step(step_ns)
-        np.testing.assert_array_equal(engine._closed.voxel_ids, np.flatnonzero(slow.closed))
+        np.testing.assert_array_equal(engine._ground.closed.voxel_ids, np.flatnonzero(slow.closed))
         ever += len(zones)
         expected = np.flatnonzero((crowd_map.probability(step_ns) >= threshold) & crowd_map.seen())
         np.testing.assert_array_equal(engine.crowd_voxel_ids, expected)

@@ -67,7 +67,7 @@ def test_of_zones_that_are_as_near_the_oldest_is_continued() -> None:
     for i in range(1, 19, 2):
         for j in range(20):
             restored = ZoneTracker(nearness_columns=1.0)
-            restored.restore(tracker.alive, tracker.created)
+            restored.restore(tracker.to_json(), tracker.arrays())
             (zone,), _ = restored.step([column_keys(np.array([[i, j]]))], 1)
             assert zone.number == min(number[i - 1, j], number[i + 1, j])
 

@@ -12,10 +12,9 @@ import typer
 
 from crowdfence.cli import console, options
 from crowdfence.cli.run import OpenReport, fuse_and_report, result_folder
-from crowdfence.config import RunConfig, ZoneConfig
+from crowdfence.config import RunConfig
 
 RECORDING = Path(__file__).parent.parent / "demo_data" / "race.mcap"
-CONFIG = RunConfig(zones=ZoneConfig(min_area_m2=4.0))
 
 
 def demo(
@@ -35,7 +34,7 @@ def demo(
         ground = read_map(recording)
         detector = choose_detector(recording, "auto")
         fuse_and_report(
-            recording, ground, CONFIG, output, detector=detector, force=force, as_json=as_json, show=show
+            recording, ground, RunConfig(), output, detector=detector, force=force, as_json=as_json, show=show
         )
     if not as_json:
         how = console.escaped(serve_command())
@@ -45,5 +44,6 @@ def demo(
 def serve_command() -> str:
     """To be pasted as it stands, whether or not the virtual environment is active."""
     called = Path(sys.argv[0])
-    words = [str(called) if called.name == "crowdfence" else "crowdfence", "serve", relpath(RECORDING)]
-    return shlex.join([*words, "--min-area-m2", f"{CONFIG.zones.min_area_m2:g}"])
+    return shlex.join(
+        [str(called) if called.name == "crowdfence" else "crowdfence", "serve", relpath(RECORDING)]
+    )

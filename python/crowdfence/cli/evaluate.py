@@ -88,6 +88,7 @@ def evaluate(
         typer.Option("--or-b-threshold", help="Mean heatmap value above which `or` calls a voxel crowd."),
     ] = OR.b_threshold,
     threshold: options.Threshold = None,
+    min_area_m2: options.MinAreaM2 = None,
     truth: Annotated[
         options.TruthChoice,
         typer.Option(
@@ -141,6 +142,8 @@ def evaluate(
         with replaceable_folder(report, contents=CONTENTS, force=force):
             pass  # known before the work
     layer = checked_layer(context.params["layer"])
+    if layer != CROWD:
+        refuse_unused(context, ["min_area_m2"], f"with --layer {layer}, of which no zones are counted")
     source = source_options.open_source(recording, context.params).of_layer(layer)
     if report is not None and layer == CROWD:
         require_people(source)

@@ -124,7 +124,7 @@ class ZoneOptions:
     threshold: options.Threshold = None
     off_threshold: options.OffThreshold = None
     opening_looks: options.OpeningLooks = DEFAULT.zones.opening_looks
-    min_area_m2: options.MinAreaM2 = DEFAULT.zones.min_area_m2
+    min_area_m2: options.MinAreaM2 = None
     max_hole_m2: options.MaxHoleM2 = DEFAULT.zones.max_hole_m2
     buffer: options.Buffer = None
     simplify_m: options.SimplifyM = DEFAULT.zones.simplify_m

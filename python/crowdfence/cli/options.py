@@ -385,11 +385,12 @@ Threshold = Annotated[
     ),
 ]
 MinAreaM2 = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--min-area-m2",
         rich_help_panel=_ZONES,
-        help="Drop smaller zones (they are counted); one that is there ends below half of it.",
+        help="Drop smaller zones (they are counted); one that is there ends below half of it. Default: 3, "
+        "and 0 with --coverage rays.",
     ),
 ]
 OffThreshold = Annotated[

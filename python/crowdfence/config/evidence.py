@@ -61,7 +61,7 @@ class EvidenceConfig:
     """Sharp looks that the prior stands against."""
     agreement: float = 0.1
     """How far drones know something of their own: 0 = more of them only average, 1 = they add up."""
-    zone_log_odds: float = 1.2
+    zone_log_odds: float = 1.1
     """Ground is crowd from this far above the prior, in log odds, at most 12, unless a threshold is given."""
     clear_log_odds: float = 2.5
     """Ground is empty from this far below the prior, in (0, 12]; between the two it is looked at and not

@@ -107,7 +107,8 @@ class RunConfig:
     ) -> dict[str, str | int | float | bool | None]:
         """How zones were drawn, for files that explain themselves; an area without bound is None. Thresholds
         that are left to the method are what follows from its `default_threshold`, where that is given."""
-        told = asdict(self.zones)
+        least_area_m2 = self.zones.least_area_m2(self.projection.coverage)
+        told = {**asdict(self.zones), "min_area_m2": least_area_m2}
         if default_threshold is not None:
             rules = self.zones.rules(default_threshold)
             told |= {"threshold": rules.threshold, "off_threshold": rules.off_threshold}

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from crowdfence.plain_values import make_plain
 from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
 from crowdfence.zones.rules import Restriction, ZoneRules
 
 _ANY_THRESHOLD = 1.0
+_LEAST_AREA_M2 = 3.0
+"""`benchmarks/evidence/README.md`, "The smallest zone"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +27,11 @@ class ZoneConfig:
     opening_looks: int = 1
     """So many looks in a row must find ground below `off_threshold` before it leaves its zone, >= 1; methods
     that forget crowd by themselves open it without."""
-    min_area_m2: float = 0.0
+    min_area_m2: float | None = None
     """Smaller regions do not become zones, and are counted; a zone that is there ends when it is smaller than
-    half of it. Finite and >= 0."""
+    half of it. Regions within 2 m of each other are measured together. Finite and >= 0; None: 3, a square
+    metre for each of three people, but 0 where views are projected by `rays`: between what they hit nobody
+    measures anything."""
     max_hole_m2: float = 0.0
     """Ground enclosed by crowd is closed too up to this area, >= 0; inf: always."""
     buffer_m: float = 0.0
@@ -53,15 +58,21 @@ class ZoneConfig:
             raise ValueError(f"threshold is {self.threshold:g}; it must be in (0, 1]")
         self.rules(_ANY_THRESHOLD)
 
-    def rules(self, default_threshold: float) -> ZoneRules:
-        """For a zone engine; `default_threshold` is that of the method. ValueError where `off_threshold` is
-        above it."""
+    def least_area_m2(self, coverage: Literal["rays", "full"]) -> float:
+        """Of a zone, where views are projected with this coverage."""
+        if self.min_area_m2 is not None:
+            return self.min_area_m2
+        return _LEAST_AREA_M2 if coverage == "full" else 0.0
+
+    def rules(self, default_threshold: float, coverage: Literal["rays", "full"] = "full") -> ZoneRules:
+        """For a zone engine; `default_threshold` is that of the method, `coverage` that of the projection.
+        ValueError where `off_threshold` is above it."""
         threshold = default_threshold if self.threshold is None else self.threshold
         return ZoneRules(
             threshold=threshold,
             off_threshold=threshold if self.off_threshold is None else self.off_threshold,
             opening_looks=self.opening_looks,
-            min_area_m2=self.min_area_m2,
+            min_area_m2=self.least_area_m2(coverage),
             max_hole_m2=self.max_hole_m2,
             buffer_m=self.buffer_m,
             simplify_m=self.simplify_m,

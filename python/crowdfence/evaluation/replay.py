@@ -51,8 +51,8 @@ from crowdfence.truth.over_time import (
     TruthOverTime,
 )
 from crowdfence.truth.world import stand_beside
-from crowdfence.zones.closed_ground import ClosedGround
 from crowdfence.zones.sorted_keys import united
+from crowdfence.zones.zone_ground import ZoneGround
 
 TruthKind = Literal["projected", "world"]
 OnInstant = Callable[[Instant, InstantViews], None]
@@ -178,9 +178,9 @@ def score(
 
     `truth` is "projected", the paper's (`ProjectedLabels`), or "world" (`CrowdsOfTheWorld`). The
     configurations must agree on how views are projected and grouped; what they leave open is filled in from
-    the detector's contract; of their zones, thresholds and looks count. ValueError when they do not, when
-    there is none, for a least area of zones, when the recording does not hold that truth, or when no frame of
-    it can be used.
+    the detector's contract; of their zones, thresholds, looks and the least area count. ValueError when they
+    do not, when there is none, when the recording does not hold that truth, or when no frame of it can be
+    used.
     `with_measures`: all that a report shows, which takes about as long again. Of `swept`, further
     configurations, the IoU alone is counted. `untold` is told of frames whose truth cannot be told, which are
     left out; ValueError where that is so of all.
@@ -193,12 +193,6 @@ def score(
     first, alike = configs[0], [*configs, *swept]
     if any((config.projection, config.grouping) != (first.projection, first.grouping) for config in alike):
         raise ValueError("configurations that are scored together must project and group views alike")
-    for config in alike:
-        if config.zones.min_area_m2 > 0.0:
-            raise ValueError(
-                f"min_area_m2 is {config.zones.min_area_m2:g}: people in zones are counted by columns, in "
-                "regions of any size, and whom that leaves out would count as closed; leave it at 0"
-            )
     recording = on_ground(recording, terrain)
     untold = UntoldTruth() if untold is None else untold
     crowds = _truth(truth, recording, terrain, first, untold)
@@ -385,10 +379,13 @@ class _Judged:
         self.config, self.loop, self.measures = config, loop, measures
         self.safety = Safety()
         self._layer: LayerMeasures | None = None
-        rules = config.zones.rules(loop.threshold)
-        self._closed = ClosedGround(loop.crowd_map, rules.threshold, rules.off_threshold, rules.opening_looks)
+        rules = config.zones.rules(loop.threshold, loop.crowd_map.coverage)
+        self._ground = ZoneGround(loop.crowd_map, rules)
         self._unheeded = UnheededInFlight(
-            loop.crowd_map.terrain, loop.crowd_map.method.b_threshold, loop.threshold
+            loop.crowd_map.terrain,
+            loop.crowd_map.method.b_threshold,
+            loop.threshold,
+            least_m2=rules.min_area_m2,
         )
         self._sweeps_mean = isinstance(config.method, OrConfig)
         self._knob = config.method.b_threshold if self._sweeps_mean else loop.threshold
@@ -404,12 +401,12 @@ class _Judged:
     def hold(self, stamp_ns: int, observations: Sequence[Observation]) -> NDArray[np.int64]:
         """Close and open ground, after every instant that may be watched, by what was taken in; the voxels
         that some look clearly shows as crowd by itself, sorted."""
-        self._closed.step(stamp_ns)
+        self._ground.step(stamp_ns)
         crowd_map = self.loop.crowd_map
         crowd_ids = crowd_map.crowd_ids(stamp_ns, threshold=self.loop.threshold)
-        is_near = near_columns(self._closed, crowd_map.terrain.voxel_size_m)
+        is_near = near_columns(self._ground, crowd_map.terrain.voxel_size_m)
         self._unheeded.look(stamp_ns, observations, crowd_ids, is_near)
-        return self._closed.shown_ids
+        return self._ground.closed.shown_ids
 
     def watch(
         self,
@@ -419,7 +416,7 @@ class _Judged:
         stamp_ns: int,
     ) -> None:
         """Who stands where, against the ground that is held closed; arguments as for `compare`."""
-        crowd_map, closed = self.loop.crowd_map, self._closed.columns
+        crowd_map, closed = self.loop.crowd_map, self._ground.columns
         self.safety.add(crowds, crowd_map, stamp_ns, self.loop.threshold, closed)
         if self.measures is not None:
             ids, probability = crowd_map.seen_probability(stamp_ns)

@@ -2,10 +2,10 @@
 them.
 
 A zone is the ground that is closed, as a zone engine holds it, with a buffer around it: columns that the map
-calls crowd, and those that it called crowd before and that no look has opened. People count by where
-they stand, on ground that some drone has seen by then, whether or not it could have seen them there. The
-ground that is closed is set against the crowds' own: what they stand on, as far as it was seen, with the same
-buffer.
+calls crowd, and those that it called crowd before and that no look has opened, in regions large enough for a
+zone. People count by where they stand, on ground that some drone has seen by then, whether or not it could
+have seen them there. The ground that is closed is set against the crowds' own: what they stand on, as far as
+it was seen, with the same buffer.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from crowdfence.zones.tracker import column_keys, column_places
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Validity
     from crowdfence.pipeline.unheeded_crowd import NearClosed
-    from crowdfence.zones.closed_ground import ClosedGround
+    from crowdfence.zones.zone_ground import ZoneGround
 
 BUFFERS_M = (0.0, 2.0, 5.0, 10.0)
 EVERY_S = 1.0
@@ -108,7 +108,7 @@ class Safety:
         self, crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float, closed: Cells
     ) -> None:
         """Count one moment of a map, and the columns that its zones hold closed [C, 2]
-        (`ClosedGround.columns`)."""
+        (`ZoneGround.columns`)."""
         self.add_zone(crowds, closed, crowd_map.terrain.voxel_size_m)
         self.people_on_empty += _on_empty(crowds, crowd_map, stamp_ns, threshold)
 
@@ -172,9 +172,9 @@ def distance_m(places: Cells, zone: Cells, size_m: float) -> NDArray[np.float64]
     return np.asarray(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) * size_m)
 
 
-def near_columns(closed: ClosedGround, size_m: float) -> NearClosed:
-    """For `UnheededCrowd`, of ground that is held closed now."""
-    return lambda columns, within_m: distance_m(columns, closed.columns, size_m) <= within_m
+def near_columns(ground: ZoneGround, size_m: float) -> NearClosed:
+    """For `UnheededCrowd`, of ground that zones hold closed now."""
+    return lambda columns, within_m: distance_m(columns, ground.columns, size_m) <= within_m
 
 
 _NEAREST = 9

@@ -66,7 +66,7 @@ class FrameLoop:
         """`static_zones` are zones that somebody else drew: they are part of every step's zones. `closes`:
         what is found is closed, as crowd is. ValueError as `ZoneEngine` has it."""
         self.crowd_map = crowd_map
-        rules = zones.rules(crowd_map.default_threshold())
+        rules = zones.rules(crowd_map.default_threshold(), crowd_map.coverage)
         self.threshold = rules.threshold
         """Probability from which ground is crowd."""
         self._engine = (ZoneEngine if closes else NoZones)(

@@ -173,7 +173,10 @@ def run(
     instants = recording.instants(config.grouping.tolerance_ms)
     of_flight = FlightDoubts()
     unheeded = UnheededInFlight(
-        terrain, crowd_map.method.b_threshold, loop.threshold, least_m2=config.zones.min_area_m2
+        terrain,
+        crowd_map.method.b_threshold,
+        loop.threshold,
+        least_m2=config.zones.least_area_m2(crowd_map.coverage),
     )
     for instant, found in heatmaps.detected(instants, len(recording.drones)):
         last = loop.step(found.views, instant.stamp_ns, found.refused)

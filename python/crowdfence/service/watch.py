@@ -283,7 +283,7 @@ class Watch:
         mission, moment = self._service.mission, self._service.mission.newest
         if moment is None or not mission.unheeded_crowd.has_begun:  # what was raised before a restart stays
             return
-        least_m2 = mission.config.zones.min_area_m2
+        least_m2 = mission.config.zones.least_area_m2(mission.config.projection.coverage)
         found = mission.unheeded_crowd.beside(moment.zones.closed, mission.threshold, least_m2)
         text, measure = ("", None) if found is None else (found.text, found.area_m2)
         self._set(found is not None, "unheeded_crowd", "alarm", text, measure=measure)

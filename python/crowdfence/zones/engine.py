@@ -14,28 +14,28 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdColumns, CrowdMap, Observation, Terrain
 from crowdfence.zones.belief import ColumnBelief, forgotten_ns, require_above_prior
-from crowdfence.zones.closed_ground import ClosedGround
 from crowdfence.zones.evidence import DroneEvidence, joined, looks_at, with_looks
 from crowdfence.zones.find import by_region, zones_of_regions
 from crowdfence.zones.ground_heights import GroundHeights
 from crowdfence.zones.grow import grown, without_small_holes
 from crowdfence.zones.outline import outlines
-from crowdfence.zones.regions import Runs, largest_first
-from crowdfence.zones.rules import CONTINUES_WITHIN_M, ZoneRules
+from crowdfence.zones.regions import Runs
+from crowdfence.zones.rules import ZoneRules
 from crowdfence.zones.simplify import simplified
 from crowdfence.zones.sorted_keys import are_among
-from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_keys, column_places
+from crowdfence.zones.tracker import Track, ZoneEvent, column_keys, column_places
 from crowdfence.zones.unseen import UnseenGround
 from crowdfence.zones.zone import Reason, Zone, ZoneSet
+from crowdfence.zones.zone_ground import ZoneGround
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -66,10 +66,9 @@ class ZoneEngine:
         self.rules = rules
         self._crowd_map = crowd_map
         self._static = tuple(static)
-        nearness = CONTINUES_WITHIN_M / crowd_map.terrain.voxel_size_m
-        self._crowd = _Followed(ZoneTracker("Z", nearness), crowd_map.terrain, rules)
+        self._ground = ZoneGround(crowd_map, rules)
+        self._shapes = _Shapes(crowd_map.terrain, rules)
         self._unseen = UnseenGround(crowd_map.terrain) if rules.close_unseen else None
-        self._closed = ClosedGround(crowd_map, rules.threshold, rules.off_threshold, rules.opening_looks)
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
         # A method without this parameter weighs values in its own way.
@@ -80,19 +79,18 @@ class ZoneEngine:
     @property
     def shown_ids(self) -> NDArray[np.int64]:
         """Voxels that one look clearly showed as crowd by itself, as of the last step, sorted."""
-        return self._closed.shown_ids
+        return self._ground.closed.shown_ids
 
     def step(self, stamp_ns: int, observations: Iterable[Observation] = ()) -> ZoneSet:
         """The zones at the newest instant, or later if nothing came. `observations` are those of the instant:
         what the drones saw becomes the zones' evidence."""
         rules = self.rules
-        belief, keys = self._closed.step(stamp_ns)
+        ground = self._ground.step(stamp_ns)
+        belief, keys, region, tracks = ground.belief, ground.keys, ground.region, ground.tracks
         columns = belief.columns
         self.crowd_voxel_ids = self._at_threshold(columns, stamp_ns)
-        runs = Runs.of(columns.indices)
-        region = np.repeat(largest_first(runs), runs.length)
-        region, dropped = self._without_small(region, keys)
-        tracks, shapes, events = self._crowd.step(region, keys, stamp_ns)
+        shapes, updated = self._shapes.step(tracks, stamp_ns)
+        events = [*ground.events, *updated]
         self._follow_evidence(tracks, events, columns, region, list(observations))
         order, first = by_region(region, len(tracks))
         inside = np.split(order, first[1:]) if tracks else []
@@ -105,8 +103,8 @@ class ZoneEngine:
             ),
             threshold=rules.threshold,
             min_area_m2=rules.min_area_m2,
-            dropped_count=len(dropped),
-            dropped_area_m2=float(sum(dropped)) * self._crowd_map.terrain.voxel_size_m**2,
+            dropped_count=len(ground.dropped),
+            dropped_area_m2=float(sum(ground.dropped)) * self._crowd_map.terrain.voxel_size_m**2,
             unseen=self._unknown_ground(stamp_ns, keys[region >= 0], keys[region < 0]),
             static=self._static,
             events=tuple(events),
@@ -115,18 +113,19 @@ class ZoneEngine:
     def to_bytes(self) -> bytes:
         """What the next step depends on beside the crowd map, to go on from."""
         arrays = {
-            "closed_voxels": self._closed.voxel_ids,
-            "closed_looked_ns": self._closed.looked_ns,
-            "closed_below": self._closed.below,
+            "closed_voxels": self._ground.closed.voxel_ids,
+            "closed_looked_ns": self._ground.closed.looked_ns,
+            "closed_below": self._ground.closed.below,
             "crowd_voxel_ids": self.crowd_voxel_ids,
-            **self._crowd.arrays(),
+            **self._ground.tracker.arrays(),
         }
         told = {
             "evidence": {
                 name: {drone: asdict(look) for drone, look in looks.items()}
                 for name, looks in self._evidence.items()
             },
-            **self._crowd.to_json(),
+            **self._ground.tracker.to_json(),
+            "outlines": self._shapes.to_json(self._ground.tracker.alive),
         }
         file = io.BytesIO()
         np.savez(file, allow_pickle=False, told=np.frombuffer(json.dumps(told).encode(), np.uint8), **arrays)
@@ -146,13 +145,14 @@ class ZoneEngine:
                     looked_ns = arrays["closed_looked_ns"]
                 else:  # a build that took for new what was seen after the last step
                     looked_ns = np.full(len(closed), told["stepped_ns"], np.int64)
-                self._closed.restore(closed, looked_ns, below)
+                self._ground.closed.restore(closed, looked_ns, below)
                 self.crowd_voxel_ids = arrays["crowd_voxel_ids"]
                 self._evidence = {
                     name: {drone: DroneEvidence(**look) for drone, look in looks.items()}
                     for name, looks in told["evidence"].items()
                 }
-                self._crowd.restore(told, arrays)
+                self._ground.tracker.restore(told, arrays)
+                self._shapes.restore(told["outlines"], self._ground.tracker.alive)
         except (KeyError, TypeError, OSError) as error:
             raise ValueError(f"that is no state of zones: {type(error).__name__} {error}") from error
 
@@ -165,24 +165,6 @@ class ZoneEngine:
     def _at_threshold(self, columns: CrowdColumns, stamp_ns: int) -> NDArray[np.int64]:
         ids = np.sort(columns.voxel_ids)
         return ids[self._crowd_map.probability(stamp_ns, ids) >= self.rules.threshold]
-
-    def _without_small(
-        self, region: NDArray[np.int64], keys: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], list[int]]:
-        """Regions that are large enough, still numbered by size, others -1; the columns of each of these. A
-        region that continues a zone need only be half as large."""
-        least = self.rules.min_area_m2 / self._crowd_map.terrain.voxel_size_m**2
-        size = np.bincount(region[region >= 0])
-        kept = size >= least
-        half = size >= least / 2
-        if (half & ~kept).any():
-            order, first = by_region(region, len(size))
-            columns = np.split(keys[order], first[1:])
-            large = np.flatnonzero(half)
-            continuing = self._crowd.continuing([columns[number] for number in large])
-            kept[large[continuing]] = True
-        number = np.where(kept, np.cumsum(kept) - 1, -1)
-        return np.where(region >= 0, number[region], -1) if len(size) else region, size[~kept].tolist()
 
     def _follow_evidence(
         self,
@@ -245,7 +227,7 @@ class ZoneEngine:
         if any(look.value > self._shows_crowd for look in looks_now):
             return "seen"
         if zone.probability_max < self.rules.threshold:
-            return "held" if looks_now or not self._closed.forgets_to_unknown else "not_looked_at"
+            return "held" if looks_now or not self._ground.closed.forgets_to_unknown else "not_looked_at"
         return "not_cleared" if looks_now else "not_looked_at"
 
     def _unknown_ground(
@@ -275,83 +257,46 @@ class ZoneEngine:
         return (zone,)
 
 
-class _Followed:
-    """Regions of one kind over time: which zone each is, and what it closes."""
+class _Shapes:
+    """What the zones that are alive close, outlined anew only where their columns changed."""
 
-    def __init__(self, tracker: ZoneTracker, terrain: Terrain, rules: ZoneRules) -> None:
-        self._tracker = tracker
+    def __init__(self, terrain: Terrain, rules: ZoneRules) -> None:
         self._terrain = terrain
         self._rules = rules
         self._heights = GroundHeights(terrain) if rules.closes_more_than_crowd else None
         self._shapes: dict[str, _Shape] = {}
 
-    @property
-    def alive(self) -> tuple[Track, ...]:
-        return self._tracker.alive
+    def to_json(self, alive: Sequence[Track]) -> list[list[str | None]]:
+        """Outlines of the zones that are alive: the crowd's, and what is closed where that is more."""
+        shapes = [self._shapes[track.id] for track in alive]
+        return [
+            [shape.crowd.wkb_hex, None if shape.closed is shape.crowd else shape.closed.wkb_hex]
+            for shape in shapes
+        ]
 
-    def continuing(self, regions: Sequence[NDArray[np.int64]]) -> list[int]:
-        """Which of the regions (sorted keys) continue a zone that is alive."""
-        return self._tracker.continuing(regions)
-
-    def arrays(self) -> dict[str, NDArray[np.int64]]:
-        """The columns of the zones that are alive, one after the other, and how many each has."""
-        columns = [np.empty(0, dtype=np.int64), *(track.columns for track in self.alive)]
-        return {
-            "columns": np.concatenate(columns),
-            "sizes": np.array([len(one) for one in columns[1:]], np.int64),
-        }
-
-    def to_json(self) -> dict[str, Any]:
-        """Names and outlines of the same zones."""
-        shapes = [self._shapes[track.id] for track in self.alive]
-        return {
-            "created": self._tracker.created,
-            "tracks": [[track.id, track.number, track.created_ns] for track in self.alive],
-            "outlines": [
-                [shape.crowd.wkb_hex, None if shape.closed is shape.crowd else shape.closed.wkb_hex]
-                for shape in shapes
-            ],
-        }
-
-    def restore(self, told: Mapping[str, Any], arrays: Mapping[str, NDArray[np.int64]]) -> None:
-        """What both gave."""
+    def restore(self, outlines_hex: Sequence[Sequence[str | None]], alive: Sequence[Track]) -> None:
+        """What `to_json` gave, for the same zones."""
         import shapely
 
-        columns = np.split(arrays["columns"], np.cumsum(arrays["sizes"])[:-1])
-        alive = tuple(
-            Track(name, number, created_ns, one)
-            for (name, number, created_ns), one in zip(told["tracks"], columns, strict=False)
-        )
-        self._tracker.restore(alive, told["created"])
         self._shapes = {}
-        for track, (crowd_hex, closed_hex) in zip(alive, told["outlines"], strict=True):
+        for track, (crowd_hex, closed_hex) in zip(alive, outlines_hex, strict=True):
             crowd = shapely.from_wkb(crowd_hex)
             closed = crowd if closed_hex is None else shapely.from_wkb(closed_hex)
             self._shapes[track.id] = self._shape(track.columns, crowd, closed)
 
-    def step(
-        self, region: NDArray[np.int64], keys: NDArray[np.int64], stamp_ns: int
-    ) -> tuple[list[Track], list[_Shape], list[ZoneEvent]]:
-        """Zone and shape of each region 0, 1, ..; `region` [C] is that of the columns `keys` [C], or -1."""
-        order = np.argsort(region, kind="stable")[np.count_nonzero(region < 0) :]
-        sizes = np.bincount(region[order])
-        columns = np.split(keys[order], np.cumsum(sizes)[:-1]) if len(sizes) else []
-        tracks, events = self._tracker.step(columns, stamp_ns)
+    def step(self, tracks: Sequence[Track], stamp_ns: int) -> tuple[list[_Shape], list[ZoneEvent]]:
+        """The shape of each zone, and which of them close other ground than before."""
         before, self._shapes = self._shapes, {}
         changed = [
-            number
-            for number, track in enumerate(tracks)
+            track
+            for track in tracks
             if track.id not in before or not np.array_equal(before[track.id].columns, track.columns)
         ]
-        fresh = dict(zip(changed, self._outlined([columns[number] for number in changed]), strict=True))
-        for number, track in enumerate(tracks):
-            old = before.get(track.id)
-            shape = fresh.get(number, old)
-            assert shape is not None
-            self._shapes[track.id] = shape
-            if number in fresh and old is not None:
-                events.append(ZoneEvent(stamp_ns, "updated", track.id))
-        return tracks, [self._shapes[track.id] for track in tracks], events
+        outlined = self._outlined([track.columns for track in changed])
+        fresh = {track.id: shape for track, shape in zip(changed, outlined, strict=True)}
+        self._shapes = {track.id: fresh.get(track.id) or before[track.id] for track in tracks}
+        updated = [ZoneEvent(stamp_ns, "updated", track.id) for track in changed if track.id in before]
+        return [self._shapes[track.id] for track in tracks], updated
 
     def _outlined(self, regions: Sequence[NDArray[np.int64]]) -> list[_Shape]:
         if not regions:

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdColumns, CrowdMap, Terrain
+from crowdfence.zones.least_area import columns_with_nearby, least_columns, of_those_kept
 from crowdfence.zones.outline import outlines
 from crowdfence.zones.regions import Runs, largest_first
+from crowdfence.zones.tracker import column_keys
 from crowdfence.zones.zone import Zone, ZoneSet
 from crowdfence.zones.zone_id import zone_id
 
@@ -24,7 +26,8 @@ def find_zones(
     """Connected regions of the terrain's columns that hold crowd, at a stamp not before the newest instant.
 
     threshold    in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
-    min_area_m2  >= 0: smaller regions are left out and counted in the result
+    min_area_m2  >= 0: smaller regions are left out and counted in the result; those within 2 m of each other
+                 are measured together
 
     Columns that touch at an edge or a corner belong to the same region. A column that was never seen is in no
     zone: a zone says where crowd is believed to be, its absence does not say that ground is clear (see
@@ -39,18 +42,20 @@ def find_zones(
     if not 0.0 <= min_area_m2 < np.inf:
         raise ValueError(f"min_area_m2 must be finite and not negative, got {min_area_m2}")
     runs = Runs.of(crowd.indices)
-    region = largest_first(runs)
-    column_count = np.bincount(region, weights=runs.length).astype(np.int64)
-    column_area_m2 = crowd_map.terrain.voxel_size_m**2
-    kept = int(np.count_nonzero(column_count * column_area_m2 >= min_area_m2))
-    is_kept = region < kept
-    polygons = outlines(runs[is_kept], region[is_kept], crowd_map.terrain)
+    all_regions = largest_first(runs)
+    of_columns = np.repeat(all_regions, runs.length)
+    size = np.bincount(of_columns)
+    least = least_columns(min_area_m2, crowd_map.terrain.voxel_size_m)
+    keys = column_keys(crowd.indices)
+    kept = columns_with_nearby(keys, of_columns, least, crowd_map.terrain.voxel_size_m) >= least
+    region = of_those_kept(all_regions, kept)
+    polygons = outlines(runs[region >= 0], region[region >= 0], crowd_map.terrain)
     return ZoneSet(
         zones=tuple(zones_of_regions(crowd_map, crowd, np.repeat(region, runs.length), polygons)),
         threshold=threshold,
         min_area_m2=min_area_m2,
-        dropped_count=len(column_count) - kept,
-        dropped_area_m2=float(column_count[kept:].sum() * column_area_m2),
+        dropped_count=int(np.count_nonzero(~kept)),
+        dropped_area_m2=float(size[~kept].sum() * crowd_map.terrain.voxel_size_m**2),
     )
 
 

@@ -9,9 +9,9 @@ first region's counts, and regions come in a fixed order (`regions.largest_first
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,14 +68,29 @@ class ZoneTracker:
         self._created = 0
         self.alive: tuple[Track, ...] = ()
 
-    @property
-    def created(self) -> int:
-        """How many zones there have been."""
-        return self._created
+    def arrays(self) -> dict[str, NDArray[np.int64]]:
+        """The columns of the zones that are alive, one after the other, and how many each has."""
+        columns = [np.empty(0, dtype=np.int64), *(track.columns for track in self.alive)]
+        return {
+            "columns": np.concatenate(columns),
+            "sizes": np.array([len(one) for one in columns[1:]], np.int64),
+        }
 
-    def restore(self, alive: Sequence[Track], created: int) -> None:
-        """As it was when these were alive, the oldest first."""
-        self.alive, self._created = tuple(alive), created
+    def to_json(self) -> dict[str, Any]:
+        """Their names and ages."""
+        return {
+            "created": self._created,
+            "tracks": [[track.id, track.number, track.created_ns] for track in self.alive],
+        }
+
+    def restore(self, told: Mapping[str, Any], arrays: Mapping[str, NDArray[np.int64]]) -> None:
+        """What both gave. KeyError, TypeError or ValueError for anything else."""
+        columns = np.split(arrays["columns"], np.cumsum(arrays["sizes"])[:-1])
+        self.alive = tuple(
+            Track(name, number, created_ns, one)
+            for (name, number, created_ns), one in zip(told["tracks"], columns, strict=False)
+        )
+        self._created = told["created"]
 
     def step(
         self, regions: Sequence[NDArray[np.int64]], stamp_ns: int
