@@ -236,8 +236,8 @@ def _zone_table(summary: dict[str, Any]) -> Any:
     for zone in zones[:MOST_ZONES_SHOWN]:
         table.add_row(
             zone["id"],
-            f"{zone['area_m2']:.0f}",
-            f"{zone['closed_m2']:.0f}",
+            square_metres(zone["area_m2"]).removesuffix(" m2"),
+            square_metres(zone["closed_m2"]).removesuffix(" m2"),
             f"{zone['probability_max']:.2f}",
             "never" if zone["valid_for_s"] is None else f"in {zone['valid_for_s']:.0f} s",
             WHY[zone["reason"]],
