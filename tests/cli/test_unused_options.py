@@ -67,6 +67,9 @@ def test_what_shapes_zones_where_none_are_made(tmp_path: Path) -> None:
         "--min-area-m2 does nothing with --layer vehicles"
     )
     assert refused(*common, "--close-unseen").startswith("--close-unseen does nothing with --layer vehicles")
+    assert refused("evaluate", "nowhere.mcap", "--layer", "vehicles", "--min-area-m2", "3").startswith(
+        "--min-area-m2 does nothing with --layer vehicles, of which no zones are counted"
+    )
 
 
 @pytest.mark.parametrize(

@@ -157,3 +157,12 @@ def numpy_numbers(part: Any) -> dict[str, np.generic]:
         for name, value in given.items()
         if type(value) in kinds and float(np.float32(value)) == value
     }
+
+
+def test_zones_have_three_square_metres_unless_rays_leave_ground_between_them() -> None:
+    """Cells that single rays hit are no area, however large the crowd: any of them closes."""
+    assert [ZoneConfig().rules(0.5, coverage).min_area_m2 for coverage in ("full", "rays")] == [3.0, 0.0]
+    given = ZoneConfig(min_area_m2=8.0)
+    assert [given.rules(0.5, coverage).min_area_m2 for coverage in ("full", "rays")] == [8.0, 8.0]
+    rays = RunConfig(projection=ProjectionConfig(coverage="rays"))
+    assert (RunConfig().to_json()["min_area_m2"], rays.to_json()["min_area_m2"]) == (3.0, 0.0)

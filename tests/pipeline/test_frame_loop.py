@@ -1,6 +1,7 @@
 """The frame loop by itself: views in, what happened out."""
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -54,6 +55,24 @@ def test_a_step_says_what_was_seen_what_is_crowd_and_where_the_fence_stands() ->
     assert zone.polygon.bounds == (4.0, 11.0, 7.0, 13.0) and zone.area_m2 == 6.0
     assert zone.seen_by == ("a",)
     assert (step.zones.dropped_count, step.zones.dropped_area_m2) == (1, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("coverage", "zones", "left_out_m2"), [("full", 1, (1.0, 1.5)), ("rays", 17, (0.0, 0.0))]
+)
+def test_crowd_that_rays_hit_here_and_there_is_closed_whatever_its_area(
+    coverage: Literal["full", "rays"], zones: int, left_out_m2: tuple[float, float]
+) -> None:
+    """Voxels of 0.1 m, a ray a metre: 4 x 4 m of crowd are 16 voxels, 0.16 m2 in all. Where the ground
+    between counts too it is one zone of 16 m2, and a pixel by itself, of 1 m2 and the columns that it cuts,
+    is too little for one."""
+    fine = Terrain.from_occupancy(np.ones((160, 200, 1), bool), 0.1)
+    loop = FrameLoop(CrowdMap(fine, Or(), coverage=coverage), ZoneConfig())
+    crowd = crowd_in(slice(1, 5), slice(0, 4)) + crowd_in(slice(5, 6), slice(7, 8))
+    step = loop.step([view("a", 8.0, crowd)], START_NS)
+    assert len(step.zones) == zones
+    least_m2, most_m2 = left_out_m2
+    assert least_m2 <= step.zones.dropped_area_m2 <= most_m2
 
 
 def test_the_figures_of_a_step_tell_crowd_and_what_is_closed_apart() -> None:
