@@ -29,7 +29,15 @@ def regions_of(columns: NDArray[np.int64]) -> NDArray[np.int64]:
 
 @pytest.mark.parametrize(
     ("area_m2", "voxel_size_m", "columns"),
-    [(3.0, 0.5, 12), (4.0, 0.1, 400), (3.0, 1.0, 3), (3.1, 1.0, 4), (3.0, 2.0, 1), (0.0, 0.5, 0)],
+    [
+        (3.0, 0.5, 12),
+        (4.0, 0.1, 400),
+        (49.0, 0.7, 100),
+        (3.0, 1.0, 3),
+        (3.1, 1.0, 4),
+        (3.0, 2.0, 1),
+        (0.0, 0.5, 0),
+    ],
 )
 def test_an_area_is_so_many_columns(area_m2: float, voxel_size_m: float, columns: int) -> None:
     assert least_columns(area_m2, voxel_size_m) == columns

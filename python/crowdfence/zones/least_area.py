@@ -17,7 +17,7 @@ from crowdfence.zones.tracker import column_keys, column_places
 TOGETHER_WITHIN_M = 2.0
 """As near as the people of a crowd stand to each other."""
 _ROUNDED = 1.0 - 1e-9
-"""4 m2 are 400 columns of 0.1 m, and not 401."""
+"""49 m2 are 100 columns of 0.7 m, and not 101."""
 
 
 def least_columns(min_area_m2: float, voxel_size_m: float) -> int:
