@@ -5,6 +5,8 @@ import { closureOf } from "../src/text/closure";
 import { exportCommand, FORMATS } from "../src/text/exports";
 import { ago, compareStamps, dayAndTime, duration, endOf, indexAt, timeOfDay, withTimes } from "../src/text/stamp";
 import { area, degrees, grouped, heights, length, place, probability } from "../src/text/units";
+import { openWords } from "../src/text/words";
+import { VoxelState } from "../src/map/belief";
 import { roundLength } from "../src/ui/scale_bar";
 
 describe("stamps", () => {
@@ -148,4 +150,14 @@ describe("exports", () => {
 
 it("the stream waits longer each time, but not for ever", () => {
   expect([0, 1, 2, 3, 4, 50].map(waitBefore)).toEqual([500, 1000, 2000, 4000, 5000, 5000]);
+});
+
+describe("ground in no zone", () => {
+  it("is never said to be safe, and crowd says why it is in none", () => {
+    expect(openWords(VoxelState.empty)).toBeNull();
+    expect(openWords(VoxelState.crowd)).toContain("too little crowd lies together");
+    for (const state of [VoxelState.neverSeen, VoxelState.occluded, VoxelState.stale, VoxelState.crowd, VoxelState.notCleared]) {
+      expect(openWords(state)).toMatch(/^No zone covers it.* That does not make it safe\.$/);
+    }
+  });
 });

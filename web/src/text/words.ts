@@ -21,6 +21,13 @@ export const STATE_MEANING: Record<VoxelState, string> = {
   [VoxelState.notCleared]: "Looked at, but too far, too coarse or too flat to tell; or crowd was seen and is forgotten. Not known to be empty.",
 };
 
+/** Of ground that is in no zone; null where nothing has to be said of that. */
+export function openWords(state: VoxelState): string | null {
+  if (state === VoxelState.empty) return null;
+  const why = state === VoxelState.crowd ? ": too little crowd lies together here" : "";
+  return `No zone covers it${why}. That does not make it safe.`;
+}
+
 export const KIND_WORDS = {
   crowd: "crowd",
   unseen: "ground not known to be empty",

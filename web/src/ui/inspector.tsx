@@ -12,7 +12,7 @@ import { store, useStore } from "../state/store";
 import { closureOf } from "../text/closure";
 import { ago, dateOf, dayAndTime, duration } from "../text/stamp";
 import { area, grouped, heights, length, place, probability } from "../text/units";
-import { EVENT_WORDS, KIND_WORDS, STANDING_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
+import { EVENT_WORDS, KIND_WORDS, openWords, STANDING_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
 import { CameraPicture } from "./camera_strip";
 import { Icon } from "./icons";
 import { groundAt, map, reading } from "./map_panel";
@@ -396,7 +396,7 @@ function GroundCard({ east, north }: { east: number; north: number }) {
             .
           </p>
         ) : (
-          state !== VoxelState.empty && state !== VoxelState.crowd && <p class="opens">No zone covers it. That does not make it safe.</p>
+          openWords(state) !== null && <p class="opens">{openWords(state)}</p>
         )}
       </div>
       <dl class="facts">
