@@ -7,13 +7,14 @@ in view who stand in a zone and closed ground, by where zones begin and by their
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, label, minimum
-from seen import Mission, Moment, seen
+from seen import Mission, seen
 
 import crowdfence as cf
 from crowdfence.config import EvidenceConfig, ZoneConfig
@@ -41,14 +42,17 @@ class Regions:
     """What those of nobody close away from crowds, with the buffer."""
     own_m2: float = 0.0
 
-    def add(self, mission: Mission, recording: Recording, moment: Moment, closed: NDArray[np.int64]) -> None:
-        terrain = mission.terrain
+    def add(
+        self,
+        terrain: cf.Terrain,
+        people: NDArray[np.floating[Any]],
+        own: NDArray[np.int64],
+        closed: NDArray[np.int64],
+    ) -> None:
+        """One moment: where everybody stands [P, 2], columns of the crowds' own ground in view and those that
+        are closed."""
         size_m, origin = terrain.voxel_size_m, np.asarray(terrain.origin)[:2]
-        instant = next(one for one in recording.instants() if one.stamp_ns == moment.stamp_ns)
-        people = people_at(timed_frame(instant) or instant.frames[-1], recording).position[:, :2]
         feet = np.floor((people - origin) / size_m).astype(np.int64)
-        assert moment.in_view is not None
-        own = moment.in_view.ground
         margin = int(30.0 / size_m)
         corners = np.concatenate([closed, own])
         first, last = corners.min(axis=0) - margin, corners.max(axis=0) + margin
@@ -87,11 +91,11 @@ def measure(
     for log_odds, least_m2 in CONTENDERS:
         method = EvidenceConfig(zone_log_odds=log_odds).with_detector(mission.contract)
         threshold = method.fusion_method(mission.terrain, mission.drones).default_threshold
-        rules = replace(ZoneConfig(), min_area_m2=least_m2).rules(threshold)
+        rules = ZoneConfig(min_area_m2=least_m2).rules(threshold)
         grounds.append(ZoneGround(crowd_map, rules))
     regions, safety = Regions(), [Safety() for _ in grounds]
     zones: list[list[int]] = [[] for _ in grounds]
-    for moment in mission.moments:
+    for moment, instant in zip(mission.moments, recording.instants(), strict=True):
         crowd_map.integrate_observations(moment.observations, moment.stamp_ns)
         for ground, one, alive in zip(grounds, safety, zones, strict=True):
             ground.step(moment.stamp_ns)
@@ -100,7 +104,8 @@ def measure(
                 alive.append(len(ground.tracker.alive))
         of_any_size = grounds[CONTENDERS.index(OF_ANY_SIZE)].columns
         if moment.in_view is not None and len(of_any_size):
-            regions.add(mission, recording, moment, of_any_size)
+            people = people_at(timed_frame(instant) or instant.frames[-1], recording).position[:, :2]
+            regions.add(mission.terrain, people, moment.in_view.ground, of_any_size)
     at = BUFFERS_M.index(BUFFER_M)
     told = [
         (one.share_in_zone[at], one.blocked_per_own[at], one.closed_m2[at], float(np.mean(alive)))

@@ -115,3 +115,15 @@ def test_one_look_at_a_map_measures_as_zones_that_last_do() -> None:
     zones = find_zones(flat_crowd_map(probability), 0, threshold=0.5, min_area_m2=3.0)
     assert [zone.cell_count for zone in zones] == [1, 1, 1, 1]
     assert (zones.dropped_count, zones.dropped_area_m2) == (1, 2.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), share=st.sampled_from([0.05, 0.2, 0.5]), steps=st.integers(1, 4))
+def test_all_crowd_is_in_a_zone_or_told_as_left_out(seed: int, share: float, steps: int) -> None:
+    """Whatever comes and goes: no column that is held closed is in neither."""
+    rng = np.random.default_rng(seed)
+    zones = DrawnZones((20, 20), min_area_m2=3.0)
+    for _ in range(steps):
+        crowd = rng.random((20, 20)) < share
+        step = zones.step(crowd.astype(float))
+        assert sum(zone.cell_count for zone in step) + step.dropped_area_m2 == np.count_nonzero(crowd)
