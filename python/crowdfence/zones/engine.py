@@ -286,7 +286,7 @@ class _Shapes:
 
     def step(self, tracks: Sequence[Track], stamp_ns: int) -> tuple[list[_Shape], list[ZoneEvent]]:
         """The shape of each zone, and which of them close other ground than before."""
-        before, self._shapes = self._shapes, {}
+        before = self._shapes
         changed = [
             track
             for track in tracks
