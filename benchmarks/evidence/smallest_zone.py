@@ -1,7 +1,8 @@
 """Where zones begin and how large they are at least: `python smallest_zone.py MISSION.mcap...`; README.md.
 
 First the regions that are held closed, of any size, by whether anybody stands within 2 m of them; then people
-in view who stand in a zone and closed ground, by where zones begin and by their least area.
+in view who stand in a zone, closed ground, how many zones there are at a time and were ever named, by
+where zones begin and by their least area.
 """
 
 from __future__ import annotations
@@ -80,11 +81,9 @@ class Regions:
         np.add.at(self.nobody_m2, bins[kind == 2], around_m2[kind == 2])
 
 
-def measure(
-    mission: Mission, recording: Recording
-) -> tuple[Regions, list[tuple[float, float, float, float]]]:
+def measure(mission: Mission, recording: Recording) -> tuple[Regions, list[tuple[float, ...]]]:
     """The regions of any size; of each contender people in a zone, closed ground per crowds' own and in m2,
-    and zones at a time."""
+    zones at a time and zones named."""
     config = cf.RunConfig().with_detector(mission.contract)
     crowd_map = config.crowd_map(mission.terrain, mission.drones)
     grounds = []
@@ -95,10 +94,12 @@ def measure(
         grounds.append(ZoneGround(crowd_map, rules))
     regions, safety = Regions(), [Safety() for _ in grounds]
     zones: list[list[int]] = [[] for _ in grounds]
+    named = [0 for _ in grounds]
     for moment, instant in zip(mission.moments, recording.instants(), strict=True):
         crowd_map.integrate_observations(moment.observations, moment.stamp_ns)
-        for ground, one, alive in zip(grounds, safety, zones, strict=True):
-            ground.step(moment.stamp_ns)
+        for number, (ground, one, alive) in enumerate(zip(grounds, safety, zones, strict=True)):
+            events = ground.step(moment.stamp_ns).events
+            named[number] += sum(event.kind in ("created", "split") for event in events)
             if moment.in_view is not None:
                 one.add_zone(moment.in_view, ground.columns, mission.terrain.voxel_size_m)
                 alive.append(len(ground.tracker.alive))
@@ -108,8 +109,14 @@ def measure(
             regions.add(mission.terrain, people, moment.in_view.ground, of_any_size)
     at = BUFFERS_M.index(BUFFER_M)
     told = [
-        (one.share_in_zone[at], one.blocked_per_own[at], one.closed_m2[at], float(np.mean(alive)))
-        for one, alive in zip(safety, zones, strict=True)
+        (
+            one.share_in_zone[at],
+            one.blocked_per_own[at],
+            one.closed_m2[at],
+            float(np.mean(alive)),
+            float(count),
+        )
+        for one, alive, count in zip(safety, zones, named, strict=True)
     ]
     return regions, told
 
@@ -125,14 +132,14 @@ def main() -> None:
     with np.errstate(divide="ignore", invalid="ignore"):
         per_own = np.nanmean([regions.nobody_m2 / regions.own_m2 for regions, _ in found], axis=0)
     print("| of nobody close, times the crowds' own |", " | ".join(f"{one:.2f}" for one in per_own), "|\n")
-    print(
-        "| begins at | at least | in a zone | closed / own | closed m2 | zones |\n|---|---|---|---|---|---|"
-    )
+    print("| begins at | at least | in a zone | closed / own | closed m2 | zones | named |")
+    print("|---|---|---|---|---|---|---|")
     for (log_odds, least_m2), told in zip(
         CONTENDERS, zip(*(row for _, row in found), strict=True), strict=True
     ):
-        share, per_own, m2, count = np.nanmean(told, axis=0)
-        print(f"| {log_odds:g} | {least_m2:g} m2 | {share:.3f} | {per_own:.2f} | {m2:.0f} | {count:.1f} |")
+        share, per_own, m2, *count = np.nanmean(told, axis=0)
+        counted = " | ".join(f"{one:.1f}" for one in count)
+        print(f"| {log_odds:g} | {least_m2:g} m2 | {share:.3f} | {per_own:.2f} | {m2:.0f} | {counted} |")
 
 
 if __name__ == "__main__":

@@ -47,12 +47,13 @@ from support.wgs84_by_hand import ground_point
 ANCHOR = (46.5, 8.0, 1200.0)
 STAMP_NS = 1_760_000_009_500_000_001
 RING = """
-    ####.
-    #..#.
-    ####.
-    .....
-    ##.##"""
-PICTURES = [RING, "#", ".#\n#."]
+    ####..
+    #..#..
+    ####..
+    ......
+    ......
+    ##..##"""
+PICTURES = [RING, "#", ".#\n#.", "#.##"]
 
 
 def zones_of(picture: str = RING, **options: object) -> ZoneSet:

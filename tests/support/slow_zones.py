@@ -1,5 +1,6 @@
 """Zones by looking at every voxel of the terrain, one column after the other: what `find_zones` must give."""
 
+import math
 from collections import defaultdict
 
 import numpy as np
@@ -21,7 +22,7 @@ def slow_zones(crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> list[Zon
         voxels[i, j].append(voxel)
     seen = {column: [v for v in ids if last_seen_ns[v] >= 0] for column, ids in voxels.items()}
     largest = {column: max(probability[ids]) for column, ids in seen.items() if ids}
-    regions = _regions({column for column, p in largest.items() if p >= threshold})
+    regions = _regions({column for column, p in largest.items() if p >= threshold}, terrain.voxel_size_m)
     zones = []
     for number, region in enumerate(sorted(regions, key=lambda region: (-len(region), region)), start=1):
         levels = [indices[v, 2] for column in region for v in voxels[column]]
@@ -50,14 +51,20 @@ def _saw(crowd_map: CrowdMap, drone: str, ids: list[int]) -> bool:
     return any(drone in crowd_map.seen_by([voxel]) for voxel in ids)
 
 
-def _regions(crowd: set[Column]) -> list[list[Column]]:
+def _regions(crowd: set[Column], size_m: float) -> list[list[Column]]:
+    """Columns that touch, or lie within 2 m of each other from middle to middle."""
     regions = []
     while crowd:
         region = [crowd.pop()]
         for i, j in region:
-            beside = {(i + east, j + north) for east in (-1, 0, 1) for north in (-1, 0, 1)} & crowd
-            crowd -= beside
-            region += beside
+            apart = {(ci, cj): (abs(ci - i), abs(cj - j)) for ci, cj in crowd}
+            near = {
+                one
+                for one, (di, dj) in apart.items()
+                if max(di, dj) == 1 or math.hypot(di, dj) * size_m <= 2.0
+            }
+            crowd -= near
+            region += near
         regions.append(sorted(region))
     return regions
 

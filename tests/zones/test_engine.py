@@ -420,17 +420,17 @@ def test_a_crowd_that_walks_stays_a_zone_down_to_half_of_the_least_area() -> Non
 
 
 def test_ground_in_several_zones_is_closed_once() -> None:
-    """Two columns with one between them, and 2 m around each: 1 + 4 * 2 + pi 2^2 m2, in part the same."""
+    """Two columns with two between them, and 3 m around each: 1 + 4 * 3 + pi 3^2 m2, in part the same."""
     assert ZoneSet((), 0.5, 0.0, 0, 0.0).closed_m2 == 0.0
-    zones = DrawnZones((9, 7), buffer_m=2.0).drawn("""
+    zones = DrawnZones((9, 7), buffer_m=3.0).drawn("""
         .........
         .........
         .........
-        ...#.#...
+        ...#..#..
         .........
         .........
         .........""")
-    one, other = (shapely.box(x, 3, x + 1, 4).buffer(2.0, 64) for x in (3, 5))
+    one, other = (shapely.box(x, 3, x + 1, 4).buffer(3.0, 64) for x in (3, 6))
     assert len(zones) == 2
     assert zones.closed_m2 == pytest.approx((one | other).area, rel=0.03)
     assert zones.closed_m2 < 0.8 * sum(zone.polygon.area for zone in zones)

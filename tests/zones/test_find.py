@@ -91,14 +91,29 @@ def test_cells_that_touch_at_a_corner_are_one_zone_and_valid() -> None:
 def test_zones_come_largest_first_with_short_ids() -> None:
     zones = zones_of(
         """
-        ##.#.##
-        .......
-        #.....#
+        ##..#..##
+        .........
+        .........
+        #.......#
         """
     )
     assert [zone.id for zone in zones] == ["Z1", "Z2", "Z3", "Z4", "Z5"]
     # Equal sizes go from west to east, then from south to north.
-    assert [zone.polygon.bounds[:2] for zone in zones] == [(0, 2), (5, 2), (0, 0), (3, 2), (6, 0)]
+    assert [zone.polygon.bounds[:2] for zone in zones] == [(0, 3), (7, 3), (0, 0), (4, 3), (8, 0)]
+
+
+def test_ground_within_two_metres_is_one_zone_of_several_parts() -> None:
+    """Columns of 1 m: one column between two leaves 2 m from middle to middle, two leave 3 m."""
+    zones = zones_of(
+        """
+        ##.#..#
+        .......
+        #......
+        """
+    )
+    assert [zone.polygon.geom_type for zone in zones] == ["MultiPolygon", "Polygon"]
+    assert [zone.cell_count for zone in zones] == [4, 1]
+    assert [zone.polygon.bounds for zone in zones] == [(0, 0, 4, 3), (6, 2, 7, 3)]
 
 
 def test_a_zone_says_how_sure_how_long_ago_and_by_whom_it_was_seen() -> None:
@@ -226,7 +241,7 @@ def _slope_with_roofs(rng: np.random.Generator, side: int) -> Terrain:
     roofs = [(i, j, ground[i, j] + 5) for i, j in np.argwhere(rng.random((side, side)) < 0.4)]
     indices = np.array([*columns, *roofs]) + rng.integers(-50, 50, 3)
     origin = rng.uniform(-1e6, 1e6, 3)
-    return Terrain.from_indices(indices, rng.choice([0.1, 0.3, 0.5, 1.0]), tuple(origin))
+    return Terrain.from_indices(indices, rng.choice([0.1, 0.5, 0.9, 1.0, 1.7, 2.5]), tuple(origin))
 
 
 def _seen_at_random(

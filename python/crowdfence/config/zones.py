@@ -29,9 +29,8 @@ class ZoneConfig:
     that forget crowd by themselves open it without."""
     min_area_m2: float | None = None
     """Smaller regions do not become zones, and are counted; a zone that is there ends when it is smaller than
-    half of it. Regions within 2 m of each other are measured together. Finite and >= 0; None: 3, a square
-    metre for each of three people, but 0 where views are projected by `rays`: between what they hit nobody
-    measures anything."""
+    half of it. Finite and >= 0; None: 3, a square metre for each of three people, but 0 where views are
+    projected by `rays`: between what they hit nobody measures anything."""
     max_hole_m2: float = 0.0
     """Ground enclosed by crowd is closed too up to this area, >= 0; inf: always."""
     buffer_m: float = 0.0

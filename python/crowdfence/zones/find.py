@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdColumns, CrowdMap, Terrain
-from crowdfence.zones.least_area import columns_with_nearby, least_columns, of_those_kept
+from crowdfence.zones.least_area import least_columns, of_those_kept
 from crowdfence.zones.outline import outlines
-from crowdfence.zones.regions import Runs, largest_first
-from crowdfence.zones.tracker import column_keys
+from crowdfence.zones.regions import Runs, largest_first, reach_columns
 from crowdfence.zones.zone import Zone, ZoneSet
 from crowdfence.zones.zone_id import zone_id
 
@@ -23,14 +22,14 @@ if TYPE_CHECKING:
 def find_zones(
     crowd_map: CrowdMap, stamp_ns: int, *, threshold: float | None = None, min_area_m2: float = 0.0
 ) -> ZoneSet:
-    """Connected regions of the terrain's columns that hold crowd, at a stamp not before the newest instant.
+    """Regions of the terrain's columns that hold crowd, at a stamp not before the newest instant.
 
     threshold    in (0, 1]: a voxel at or above it is crowd; None = the method's `default_threshold`
-    min_area_m2  >= 0: smaller regions are left out and counted in the result; those within 2 m of each other
-                 are measured together
+    min_area_m2  >= 0: smaller regions are left out and counted in the result
 
-    Columns that touch at an edge or a corner belong to the same region. A column that was never seen is in no
-    zone: a zone says where crowd is believed to be, its absence does not say that ground is clear (see
+    Columns that touch at an edge or a corner belong to the same region, and those within 2 m of each other,
+    from middle to middle: such a zone may have several parts. A column that was never seen is in no zone: a
+    zone says where crowd is believed to be, its absence does not say that ground is clear (see
     `CrowdMap.state`). This is one look at a map; a `ZoneEngine` follows zones over time.
 
     Raises StampError for an earlier stamp, ValueError for a parameter out of bounds and for more zones than
@@ -42,12 +41,10 @@ def find_zones(
     if not 0.0 <= min_area_m2 < np.inf:
         raise ValueError(f"min_area_m2 must be finite and not negative, got {min_area_m2}")
     runs = Runs.of(crowd.indices)
-    all_regions = largest_first(runs)
-    of_columns = np.repeat(all_regions, runs.length)
-    size = np.bincount(of_columns)
-    least = least_columns(min_area_m2, crowd_map.terrain.voxel_size_m)
-    keys = column_keys(crowd.indices)
-    kept = columns_with_nearby(keys, of_columns, least, crowd_map.terrain.voxel_size_m) >= least
+    voxel_size_m = crowd_map.terrain.voxel_size_m
+    all_regions = largest_first(runs, reach_columns(voxel_size_m))
+    size = np.bincount(np.repeat(all_regions, runs.length))
+    kept = size >= least_columns(min_area_m2, voxel_size_m)
     region = of_those_kept(all_regions, kept)
     polygons = outlines(runs[region >= 0], region[region >= 0], crowd_map.terrain)
     return ZoneSet(
@@ -55,7 +52,7 @@ def find_zones(
         threshold=threshold,
         min_area_m2=min_area_m2,
         dropped_count=int(np.count_nonzero(~kept)),
-        dropped_area_m2=float(size[~kept].sum() * crowd_map.terrain.voxel_size_m**2),
+        dropped_area_m2=float(size[~kept].sum() * voxel_size_m**2),
     )
 
 

@@ -4,10 +4,19 @@ and not what lies between.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+TOGETHER_WITHIN_M = 2.0
+"""As near as the people of a crowd stand to each other."""
+_ROUNDED = 1.0 + 1e-12
+"""A root of whole numbers that is one itself is not to be missed."""
+_EDGES = ((1, 0),)
+_CORNERS = ((1, 1),)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +71,19 @@ class Runs:
         return np.where((run >= 0) & (self.i[run] == i) & (j < self.north[run]), run, -1)
 
 
-def largest_first(runs: Runs) -> NDArray[np.int64]:
+def reach_columns(voxel_size_m: float) -> float:
+    """How far from each other, in columns from middle to middle, crowd is one crowd."""
+    return TOGETHER_WITHIN_M / voxel_size_m
+
+
+def largest_first(runs: Runs, reach: float = 0.0) -> NDArray[np.int64]:
     """Number of the region of each run [R], from 0, the largest region first; of equal ones that with the
     westernmost column, then the southernmost of these.
 
-    Columns that touch at an edge or a corner belong to the same region.
+    Columns that touch at an edge or a corner belong to the same region, and those that lie within `reach`
+    columns of each other, from middle to middle.
     """
-    region = connected(runs, corners=True)
+    region = _parts(runs, tuple(_within(reach)))
     _, first = np.unique(region, return_index=True)
     columns = np.zeros(len(first), dtype=np.int64)
     np.add.at(columns, region, runs.length)
@@ -79,23 +94,44 @@ def largest_first(runs: Runs) -> NDArray[np.int64]:
 
 def connected(runs: Runs, *, corners: bool) -> NDArray[np.int64]:
     """Number of the part of each run [R], from 0: parts are connected by edges, or by `corners` too."""
+    return _parts(runs, _CORNERS if corners else _EDGES)
+
+
+def _within(reach: float) -> Iterator[tuple[int, int]]:
+    """How many i two columns may lie apart that touch or lie within reach, and how many j at most."""
+    yield from _CORNERS
+    for di in range(int(reach * _ROUNDED) + 1):
+        yield di, int(math.sqrt(max(reach**2 - di**2, 0.0)) * _ROUNDED)
+
+
+def _parts(runs: Runs, near: tuple[tuple[int, int], ...]) -> NDArray[np.int64]:
+    """Number of the part of each run [R], from 0; columns belong together that lie at most as far apart, in i
+    and j, as one of the pairs `near` says."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    if len(runs) == 0:
+    count = len(runs)
+    if count == 0:
         return np.empty(0, dtype=np.int64)
-    first, second = _touching(runs, corners=corners)
-    links = coo_array((np.ones(len(first), dtype=np.bool_), (first, second)), shape=(len(runs), len(runs)))
+    firsts, seconds, opened = [], [], np.zeros(count, dtype=np.int64)
+    for di, most_dj in near:
+        begin, end = _beside(runs, di, most_dj)
+        (some,) = np.nonzero(end > begin)
+        firsts.append(some)
+        seconds.append(begin[some])
+        # All between begin and end belong to the same part: each is linked to the next, once for all.
+        opened += np.bincount(begin[some], minlength=count) - np.bincount(end[some] - 1, minlength=count)
+    (chained,) = np.nonzero(np.cumsum(opened) > 0)
+    first, second = np.concatenate([*firsts, chained]), np.concatenate([*seconds, chained + 1])
+    links = coo_array((np.ones(len(first), dtype=np.bool_), (first, second)), shape=(count, count))
     return connected_components(links, directed=False)[1].astype(np.int64)
 
 
-def _touching(runs: Runs, *, corners: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Positions of every two runs that touch, the second one with the next i."""
-    south, north = runs.key(runs.i, runs.south), runs.key(runs.i, runs.north)
-    next_south, next_north = runs.key(runs.i + 1, runs.south), runs.key(runs.i + 1, runs.north)
-    begin = np.searchsorted(north, next_south, "left" if corners else "right")
-    end = np.searchsorted(south, next_north, "right" if corners else "left")
-    count = end - begin
-    before = np.cumsum(count) - count
-    first = np.repeat(np.arange(len(runs)), count)
-    return first, np.arange(len(first)) - np.repeat(before - begin, count)
+def _beside(runs: Runs, di: int, most_dj: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of each run, from which to before which position [R] the runs lie that are `di` >= 0 farther in i, some
+    columns of them at most `most_dj` from its own in j."""
+    low, high = runs.south.min(), runs.north.max()
+    from_south = runs.key(runs.i + di, np.maximum(runs.south - most_dj + 1, low))
+    to_north = runs.key(runs.i + di, np.minimum(runs.north + most_dj - 1, high))
+    begin = np.searchsorted(runs.key(runs.i, runs.north), from_south, "left")
+    return begin, np.searchsorted(runs.key(runs.i, runs.south), to_north, "right")

@@ -33,8 +33,8 @@ class ZoneRules:
     """Where a method forgets towards "not known", so many looks in a row must find ground below
     `off_threshold` before it is opened; >= 1. `benchmarks/evidence/opening.py` measures what 2 bring."""
     min_area_m2: float = 0.0
-    """Smaller regions do not become zones, and zones end when they are smaller than half of it; >= 0. Regions
-    within 2 m of each other are measured together (`least_area`)."""
+    """Smaller regions (`regions`) do not become zones, and zones end when they are smaller than half of it;
+    >= 0."""
     max_hole_m2: float = 0.0
     """Ground enclosed by crowd is closed too up to this area; inf for all of it."""
     buffer_m: float = 0.0

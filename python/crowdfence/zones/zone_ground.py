@@ -14,8 +14,8 @@ from crowdfence._core import CrowdMap
 from crowdfence.zones.belief import ColumnBelief
 from crowdfence.zones.closed_ground import ClosedGround
 from crowdfence.zones.find import by_region
-from crowdfence.zones.least_area import columns_with_nearby, least_columns, of_those_kept
-from crowdfence.zones.regions import Runs, largest_first
+from crowdfence.zones.least_area import least_columns, of_those_kept
+from crowdfence.zones.regions import Runs, largest_first, reach_columns
 from crowdfence.zones.rules import CONTINUES_WITHIN_M, ZoneRules
 from crowdfence.zones.tracker import Track, ZoneEvent, ZoneTracker, column_places
 
@@ -56,7 +56,7 @@ class ZoneGround:
         """At the newest instant, or later if nothing came."""
         belief, keys = self.closed.step(stamp_ns)
         runs = Runs.of(belief.columns.indices)
-        region = np.repeat(largest_first(runs), runs.length)
+        region = np.repeat(largest_first(runs, reach_columns(self._voxel_size_m)), runs.length)
         region, dropped = self._without_small(region, keys)
         order, first = by_region(region, int(region.max(initial=-1)) + 1)
         columns = np.split(keys[order], first[1:]) if len(first) else []
@@ -70,9 +70,8 @@ class ZoneGround:
         region that continues a zone need only be half as large."""
         least = least_columns(self._rules.min_area_m2, self._voxel_size_m)
         size = np.bincount(region)
-        together = columns_with_nearby(keys, region, least, self._voxel_size_m)
-        kept = together >= least
-        half = np.flatnonzero(together >= least / 2)
+        kept = size >= least
+        half = np.flatnonzero(size >= least / 2)
         if not kept[half].all():
             order, first = by_region(region, len(size))
             columns = np.split(keys[order], first[1:])
