@@ -14,7 +14,7 @@ from scene import hills_with_buildings, machine
 
 from crowdfence import CrowdMap, Observation, Paper, Rates, SurfaceGrid, Terrain, find_zones
 from crowdfence.zones.outline import outlines
-from crowdfence.zones.regions import Runs, largest_first
+from crowdfence.zones.regions import Runs, largest_first, reach_columns
 
 SIDE_M = 1500.0
 VOXEL_SIZE_M = 0.5
@@ -43,11 +43,12 @@ def _print_row(crowd_map: CrowdMap) -> None:
     terrain = crowd_map.terrain
     columns = crowd_map.crowd_columns(0)
     runs = Runs.of(columns.indices)
-    region = largest_first(runs)
+    reach = reach_columns(VOXEL_SIZE_M)
+    region = largest_first(runs, reach)
     polygons = outlines(runs, region, terrain)
     times_ms = [
         _fastest_ms(lambda: crowd_map.crowd_columns(0)),
-        _fastest_ms(lambda: largest_first(Runs.of(columns.indices))),
+        _fastest_ms(lambda: largest_first(Runs.of(columns.indices), reach)),
         _fastest_ms(lambda: outlines(runs, region, terrain)),
         _fastest_ms(lambda: find_zones(crowd_map, 0)),
         _fastest_ms(lambda: _unions(runs, region)),
