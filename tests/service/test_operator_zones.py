@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from shapely import Point, Polygon, box
+from shapely import MultiPolygon, Point, Polygon, box
 
 from crowdfence import Georeference, View
 from crowdfence.config import EvidenceConfig, PaperConfig, ZoneConfig
@@ -34,7 +34,7 @@ from support.small_zones import DrawnZones, ids
 SQUARE = [[[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [0.0, 0.0]]]]
 
 
-def crowd(name: str, polygon: Polygon) -> Zone:
+def crowd(name: str, polygon: Polygon | MultiPolygon) -> Zone:
     return Zone(name, polygon, 4, 4.0, 0.9, 0.8, 0.0, 1.0, START_NS, START_NS, ("a",), reason="seen")
 
 
@@ -366,17 +366,31 @@ def test_other_crowd_that_merges_into_a_dismissed_zone_is_closed() -> None:
 
 
 def test_a_small_crowd_beside_a_dismissed_zone_that_merges_into_it_is_closed() -> None:
-    drawn, mine = DrawnZones((9, 3)), operators()
+    """Two columns away both ways it is another zone, and within what flickers of the dismissed one."""
+    drawn, mine = DrawnZones((9, 4)), operators()
     first = drawn.drawn("""
-######.#.
+.......#.
+.........
 ######...
 ######...""")
+    assert ids(first) == ["Z1", "Z2"]
     mine.do(action("dismiss"), first)
     merged = drawn.drawn("""
-########.
+.......#.
+......#..
 ######...
 ######...""")
     assert ids(merged) == ["Z1"] and passed(mine, merged, 1) == []
+
+
+def test_a_new_part_beside_a_dismissed_zone_is_closed_where_it_could_be_a_zone() -> None:
+    """Half a metre away, so that the zone has it as a part: 3 m2 are a crowd, less is flicker."""
+    mine = operators()
+    first, least = crowd("Z1", box(0, 0, 9, 9)), {"min_area_m2": 3.0}
+    mine.do(action("dismiss"), replace(zone_set(first), **least))
+    for number, (length_m, told) in enumerate(((2.9, ["Z1"]), (3.0, []))):
+        parts = MultiPolygon([box(0, 0, 9, 9), box(9.5, 0, 10.5, length_m)])
+        assert passed(mine, replace(zone_set(crowd("Z1", parts)), **least), 1 + number) == told
 
 
 def test_crowd_that_comes_to_a_dismissed_zone_is_told(tmp_path: Path) -> None:

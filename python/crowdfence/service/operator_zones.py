@@ -34,6 +34,8 @@ LEAST_DRAWN_M2 = 1.0
 FLICKERS_M = 2.0
 """How far crowd may reach beyond the ground that was dismissed. What was taken for crowd by mistake stands
 still, and its outline flickers by a voxel and by what poses are off; who walks there is beyond in seconds."""
+_ROUNDED = 1.0 - 1e-9
+"""Areas far from the origin are sums of rounded numbers."""
 _SECOND_NS = 1_000_000_000
 
 
@@ -115,7 +117,7 @@ class OperatorZones:
             raise RefusedAction(
                 f"zone {action.zone} is not of crowd and was not drawn here: it cannot be dismissed"
             )
-        elif self._reaches_beyond(_as_seen(zone, action), zone, has_merged=False):
+        elif self._reaches_beyond(_as_seen(zone, action), zone, zones.min_area_m2, has_merged=False):
             raise RefusedAction(
                 f"the crowd of zone {action.zone} reaches beyond the ground that it had when it was looked "
                 "at: look again, then dismiss it"
@@ -157,7 +159,9 @@ class OperatorZones:
             if (
                 dismissal.until_ns <= now_ns
                 or name not in alive
-                or self._reaches_beyond(dismissal.zone, alive[name], has_merged=name in merged)
+                or self._reaches_beyond(
+                    dismissal.zone, alive[name], zones.min_area_m2, has_merged=name in merged
+                )
             ):
                 del self._dismissed[name]
                 continue
@@ -207,11 +211,18 @@ class OperatorZones:
             until_ns, zone = entry.pop("until_ns"), zone_of_record(entry.pop("held"))
             self._dismissed[zone.id] = _Dismissal(until_ns, zone, OperatorAction(**entry))
 
-    def _reaches_beyond(self, dismissed: Zone, zone: Zone, *, has_merged: bool) -> bool:
+    def _reaches_beyond(self, dismissed: Zone, zone: Zone, least_m2: float, *, has_merged: bool) -> bool:
         """Whether it closes other crowd than what was dismissed. Ground that came in a merge is no flicker,
-        however near it is."""
+        however near it is, nor is a part that is new and large enough (`least_m2`) to be a zone by itself."""
+        import shapely
+
         margin_m = 1e-6 if has_merged else max(FLICKERS_M, self._terrain.voxel_size_m)
-        return not _crowd_ground(dismissed).buffer(margin_m, join_style="mitre").covers(_crowd_ground(zone))
+        before, ground = _crowd_ground(dismissed), _crowd_ground(zone)
+        if not before.buffer(margin_m, join_style="mitre").covers(ground):
+            return True
+        parts = shapely.get_parts(ground)
+        new_m2 = shapely.area(parts[~shapely.intersects(parts, before)])
+        return bool((new_m2 >= least_m2 * _ROUNDED).any())
 
     def _with_lock(self, zone: Zone) -> Zone:
         """A locked zone keeps all that it closed when it was locked, from its lowest to its highest ground,
