@@ -9,12 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from crowdfence.zones.regions import Runs, largest_first, reach_columns
-
-
-def drawn(picture: str) -> NDArray[np.int64]:
-    """Columns (i, j) of the marks, sorted; i to the right, j downwards."""
-    rows = picture.split()
-    return np.array(sorted((i, j) for j, row in enumerate(rows) for i, mark in enumerate(row) if mark == "#"))
+from support.small_zones import drawing
 
 
 def region_of(columns: NDArray[np.int64], reach: float) -> list[int]:
@@ -45,11 +40,11 @@ def region_of(columns: NDArray[np.int64], reach: float) -> list[int]:
     ],
 )
 def test_columns_within_reach_are_one_region(picture: str, reach: float, regions: list[int]) -> None:
-    assert region_of(drawn(picture), reach) == regions
+    assert region_of(np.argwhere(drawing(picture)), reach) == regions
 
 
 def test_from_one_to_the_next_a_region_reaches_far() -> None:
-    assert region_of(drawn("#.#.#.#.#..##"), 2.0) == [0, 0, 0, 0, 0, 1, 1]
+    assert region_of(np.argwhere(drawing("#.#.#.#.#..##")), 2.0) == [0, 0, 0, 0, 0, 1, 1]
 
 
 def test_two_metres_are_so_many_columns() -> None:

@@ -16,7 +16,7 @@ def hole_columns(columns: NDArray[np.int64]) -> NDArray[np.int64]:
     gaps = Runs(runs.i[follows], runs.north[follows], runs.south[follows + 1])
     if not len(gaps):
         return np.empty((0, 2), dtype=np.int64)
-    part = connected(gaps, corners=False)
+    part = connected(gaps)
     is_open = np.zeros(part.max() + 1, dtype=np.bool_)
     is_open[part[_leads_out(gaps, runs, -1) | _leads_out(gaps, runs, 1)]] = True
     holes = gaps[~is_open[part]]

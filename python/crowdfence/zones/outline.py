@@ -29,7 +29,7 @@ def outlines(runs: Runs, region: NDArray[np.int64], terrain: Terrain) -> list[Po
 
     if len(runs) == 0:
         return []
-    part = connected(runs, corners=False)
+    part = connected(runs)
     x, y, west_to_east = _corners(runs, part)
     corner, ring = _rings(west_to_east)
     x, y = x[corner], y[corner]

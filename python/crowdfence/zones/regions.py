@@ -5,7 +5,7 @@ and not what lies between.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +15,6 @@ TOGETHER_WITHIN_M = 2.0
 """As near as the people of a crowd stand to each other."""
 _ROUNDED = 1.0 + 1e-12
 """A root of whole numbers that is one itself is not to be missed."""
-_EDGES = ((1, 0),)
-_CORNERS = ((1, 1),)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +81,7 @@ def largest_first(runs: Runs, reach: float = 0.0) -> NDArray[np.int64]:
     Columns that touch at an edge or a corner belong to the same region, and those that lie within `reach`
     columns of each other, from middle to middle.
     """
-    region = _parts(runs, tuple(_within(reach)))
+    region = _parts(runs, _within(reach))
     _, first = np.unique(region, return_index=True)
     columns = np.zeros(len(first), dtype=np.int64)
     np.add.at(columns, region, runs.length)
@@ -92,46 +90,43 @@ def largest_first(runs: Runs, reach: float = 0.0) -> NDArray[np.int64]:
     return number[region]
 
 
-def connected(runs: Runs, *, corners: bool) -> NDArray[np.int64]:
-    """Number of the part of each run [R], from 0: parts are connected by edges, or by `corners` too."""
-    return _parts(runs, _CORNERS if corners else _EDGES)
+def connected(runs: Runs) -> NDArray[np.int64]:
+    """Number of the part of each run [R], from 0: parts are connected by edges."""
+    return _parts(runs, {1: 0})
 
 
-def _within(reach: float) -> Iterator[tuple[int, int]]:
-    """How many i two columns may lie apart that touch or lie within reach, and how many j at most."""
-    yield from _CORNERS
+def _within(reach: float) -> dict[int, int]:
+    """How many j two columns that touch or lie within reach are apart at most, by how many i they are."""
+    most_dj = {1: 1}
     for di in range(int(reach * _ROUNDED) + 1):
-        yield di, int(math.sqrt(max(reach**2 - di**2, 0.0)) * _ROUNDED)
+        within = int(math.sqrt(max(reach**2 - di**2, 0.0)) * _ROUNDED)
+        most_dj[di] = max(within, most_dj.get(di, 0))
+    return most_dj
 
 
-def _parts(runs: Runs, near: tuple[tuple[int, int], ...]) -> NDArray[np.int64]:
-    """Number of the part of each run [R], from 0; columns belong together that lie at most as far apart, in i
-    and j, as one of the pairs `near` says."""
+def _parts(runs: Runs, near: Mapping[int, int]) -> NDArray[np.int64]:
+    """Number of the part of each run [R], from 0; columns belong together that are some i apart, and in j no
+    more than `near` says of so many."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     count = len(runs)
     if count == 0:
         return np.empty(0, dtype=np.int64)
+    low, high = runs.south.min(), runs.north.max()
+    begins, ends = runs.key(runs.i, runs.south), runs.key(runs.i, runs.north)
     firsts, seconds, opened = [], [], np.zeros(count, dtype=np.int64)
-    for di, most_dj in near:
-        begin, end = _beside(runs, di, most_dj)
+    for di, most_dj in near.items():
+        # Of each run, those from `begin` to before `end` are near it, di farther in i.
+        from_south = runs.key(runs.i + di, np.maximum(runs.south - most_dj + 1, low))
+        to_north = runs.key(runs.i + di, np.minimum(runs.north + most_dj - 1, high))
+        begin, end = np.searchsorted(ends, from_south, "left"), np.searchsorted(begins, to_north, "right")
         (some,) = np.nonzero(end > begin)
         firsts.append(some)
         seconds.append(begin[some])
-        # All between begin and end belong to the same part: each is linked to the next, once for all.
+        # They all belong to the same part: each is linked to the next, once for all.
         opened += np.bincount(begin[some], minlength=count) - np.bincount(end[some] - 1, minlength=count)
     (chained,) = np.nonzero(np.cumsum(opened) > 0)
     first, second = np.concatenate([*firsts, chained]), np.concatenate([*seconds, chained + 1])
     links = coo_array((np.ones(len(first), dtype=np.bool_), (first, second)), shape=(count, count))
     return connected_components(links, directed=False)[1].astype(np.int64)
-
-
-def _beside(runs: Runs, di: int, most_dj: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of each run, from which to before which position [R] the runs lie that are `di` >= 0 farther in i, some
-    columns of them at most `most_dj` from its own in j."""
-    low, high = runs.south.min(), runs.north.max()
-    from_south = runs.key(runs.i + di, np.maximum(runs.south - most_dj + 1, low))
-    to_north = runs.key(runs.i + di, np.minimum(runs.north + most_dj - 1, high))
-    begin = np.searchsorted(runs.key(runs.i, runs.north), from_south, "left")
-    return begin, np.searchsorted(runs.key(runs.i, runs.south), to_north, "right")
