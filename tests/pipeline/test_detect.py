@@ -303,6 +303,10 @@ def test_frames_that_fail_are_refused_and_the_rest_is_fused(
     with pytest.raises(TypeError, match=r"heatmap made for uav\w+ at \d+ is None; it must be"):
         pipeline.run(open_recording(recorded), terrain, CONFIG, detector=without_return)
 
+    made = iter([np.zeros((6, 8), np.float32)] * 7)
+    with pytest.raises(RuntimeError, match=r"no heatmap was made for uav\w+ at \d+: .* StopIteration"):
+        pipeline.run(open_recording(recorded), terrain, CONFIG, detector=lambda _: next(made))
+
 
 def test_automatic_choice(
     recorded: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

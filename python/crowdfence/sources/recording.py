@@ -220,6 +220,10 @@ def _view_or_refusal(heatmap_of: Callable[[Frame], Pixels], frame: Frame) -> Vie
         return frame.view(heatmap)
     except FrameError as error:
         return RefusedFrame(frame.drone, frame.stamp_ns, error.reason)
+    except StopIteration as error:
+        # It would end the loop over the frames, and this and all later ones would be missed by nobody.
+        told = f"no heatmap was made for {frame.drone} at {frame.stamp_ns}: the function raised StopIteration"
+        raise RuntimeError(f"{told}, as `next` does where nothing is left") from error
 
 
 @dataclass(frozen=True, slots=True)
