@@ -227,6 +227,18 @@ def test_told_to_end_a_command_leaves_nothing_half_written(tmp_path: Path) -> No
     assert [*folder.iterdir(), *temporary.iterdir()] == []
 
 
+@pytest.mark.parametrize("closed", [0, 1, 2])
+def test_a_command_works_with_a_closed_stream(tmp_path: Path, closed: int) -> None:
+    """As a supervisor may start it, which closes what it does not read."""
+    write_folder(tmp_path / "recording", flight())
+    command = [sys.executable, "-m", "crowdfence", "convert", str(tmp_path / "recording"), "--without-map"]
+    done = subprocess.run(
+        [*command, "-o", str(tmp_path / "flight.mcap")], preexec_fn=lambda: os.close(closed), check=False
+    )
+    assert done.returncode == 0
+    assert open_recording(tmp_path / "flight.mcap").frames
+
+
 def test_a_library_that_cannot_be_loaded_is_one_line(tmp_path: Path) -> None:
     """For want of memory, or of a library of the system: here the one that reads every height model."""
     dem = write_dem(tmp_path / "dem.tif")

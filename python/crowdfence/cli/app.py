@@ -85,6 +85,7 @@ def _options(
 
 def main() -> None:
     """Run the command line; a failure is one line on stderr. CROWDFENCE_DEBUG=1 shows where it came from."""
+    _open_closed_streams()
     if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, _unwind)
     try:
@@ -112,6 +113,18 @@ def main() -> None:
         _reraise_for_debugging()
         console.fail(in_options(one_line(error, whole=True)))
         sys.exit(FAILED)
+
+
+def _open_closed_streams() -> None:
+    """A stream that whoever started this has closed leads nowhere; left closed, what is said would end the
+    work, and the first file that is opened would be the stream that libraries write to."""
+    for stream in range(3):
+        try:
+            os.fstat(stream)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # it gets the lowest number that is free, which is this one
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
 
 
 def _unwind(number: int, frame: FrameType | None) -> NoReturn:
