@@ -174,6 +174,10 @@ def test_bad_coordinates_are_refused_by_entry():
         ALPS.local_from_geodetic(91, 8, 0)
     with pytest.raises(ValueError, match=r"shape \[N, 3\]"):
         ALPS.geodetic_from_local([[1.0, 2.0]])
+    with pytest.raises(ValueError, match="coordinates are masked; leave out what nobody knows"):
+        ALPS.local_from_geodetic(np.ma.masked_equal([46.5, 0.0], 0.0), 8.0, 1200.0)
+    with pytest.raises(ValueError, match="points are masked"):
+        ALPS.geodetic_from_local(np.ma.masked_equal([[1.0, 2.0, -1.0]], -1.0))
     with pytest.raises(ValueError, match="EPSG:999999"):
         ALPS.local_from_projected("EPSG:999999", 0, 0, 0)
 

@@ -164,6 +164,10 @@ def _asked(air: ClearAir) -> list[Callable[[object, object], object]]:
         ([(0.0, 0.0, 1e300), (0.0, 0.0, 0.0)], r"point 0 is \(0, 0, 1e\+300\)"),
         ([(-np.inf, 0.0, 0.0)] * 2, r"point 0 is \(-inf, 0, 0\)"),
         ([(0.0, 0.0)] * 2, r"points must be \[N, 3\], got shape \[2, 2\]"),
+        (
+            np.ma.masked_less([(30.0, 0.0, 5.0), (-1.0, 0.0, 5.0)], 0.0),
+            "points are masked; a place that nobody",
+        ),
     ],
 )
 def test_what_is_no_place_is_refused_and_not_called_clear(
@@ -186,12 +190,25 @@ def test_what_is_no_place_is_refused_and_not_called_clear(
         ([False, True], "got bool"),
         (["now", "then"], "got <U4"),
         ([0, 1, 2], r"2 points have 2 stamps or one, got shape \[3\]"),
+        (np.ma.masked_equal([0, 1], 1), "stamps are masked"),
     ],
 )
 def test_what_is_no_stamp_is_refused_and_not_called_clear(stamps_ns: object, message: str) -> None:
     for asked in _asked(ClearAir(zone_set(SQUARE))):
         with pytest.raises(ValueError, match=message):
             asked([(20.0, 0.0, 5.0), (30.0, 0.0, 5.0)], stamps_ns)
+
+
+BOW_TIE = shapely.Polygon([(0, 0), (60, 60), (60, 0), (0, 60)])
+
+
+def test_what_is_no_area_or_no_zones_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"within is no area: Self-intersection\[30 30\]"):
+        ClearAir(zone_set(), within=BOW_TIE)
+    with pytest.raises(TypeError, match=r"within is 'x'; it must be a Polygon or MultiPolygon of shapely"):
+        ClearAir(zone_set(), within="x")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"zones are \[Zone\('Z1'.*; they must be a ZoneHistory or a ZoneSet"):
+        ClearAir([SQUARE])  # type: ignore[arg-type]
 
 
 def test_stamps_may_be_dates_and_whole_floats() -> None:

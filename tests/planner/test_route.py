@@ -113,6 +113,11 @@ def test_what_is_no_place_is_refused() -> None:
         safe_route((0.0, 0.0), (1.0, 0.0), [], clearance_m=1e308)
     with pytest.raises(ValueError, match="clearance_m is -1"):
         safe_route((0, 0), (1, 1), [], clearance_m=-1.0)
+    with pytest.raises(ValueError, match="start and goal are masked"):
+        safe_route(np.ma.masked_less([-1.0, 0.0], 0.0), (1, 1), [])
+    bow_tie = shapely.Polygon([(0, 0), (60, 60), (60, 0), (0, 60)])
+    with pytest.raises(ValueError, match=r"within is no area: Self-intersection\[30 30\]"):
+        safe_route((1, 30), (59, 30), [], within=bow_tie)
 
 
 @settings(max_examples=15)

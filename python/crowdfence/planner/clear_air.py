@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.planner.place_and_time import as_places, as_stamps
+from crowdfence.errors import quoted
+from crowdfence.planner.place_and_time import as_area, as_places, as_stamps
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
 
@@ -69,18 +70,20 @@ class ClearAir:
     ) -> None:
         """A `ZoneSet` by itself holds at every stamp, and knows no map: `within` is the area beyond which
         nothing is clear. A `ZoneHistory` brings its own, the ground of its map, where `within` is None;
-        `beyond_map` leaves it out."""
+        `beyond_map` leaves it out. ValueError for an area whose outline crosses itself."""
         import shapely
 
-        self._within = within
+        self._within = as_area(within)
         if isinstance(zones, ZoneHistory):
             self._stamps_ns = np.asarray(zones.stamps_ns, dtype=np.int64)
             self._sets: Sequence[ZoneSet] = zones.sets
             if within is None and not beyond_map:
                 self._within = zones.ground
-        else:
+        elif isinstance(zones, ZoneSet):
             self._stamps_ns = np.array([np.iinfo(np.int64).min])
             self._sets = [zones]
+        else:
+            raise TypeError(f"zones are {quoted(zones)}; they must be a ZoneHistory or a ZoneSet")
         shapely.prepare(self._within)
         self._expires = expires
         self._closed: dict[int, _Closed] = {}

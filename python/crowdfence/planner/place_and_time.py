@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from crowdfence.errors import quoted
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
 
 MOST_PLACE_M = 2e7
 """In local coordinates nothing on Earth is further: it is 12,757 km across."""
@@ -11,8 +18,30 @@ MOST_STAMP_NS = 2**62
 """The year 2116, and as long before 1970: the difference of two stamps fits a machine word."""
 
 
+def as_area(within: Polygon | MultiPolygon | None) -> Polygon | MultiPolygon | None:
+    """The area; of one whose outline crosses itself nobody knows what is inside, and it is a ValueError."""
+    import shapely
+
+    if within is None:
+        return None
+    if not isinstance(within, (shapely.Polygon, shapely.MultiPolygon)):
+        raise TypeError(f"within is {quoted(within)}; it must be a Polygon or MultiPolygon of shapely")
+    if not within.is_valid:
+        raise ValueError(f"within is no area: {shapely.is_valid_reason(within)}")
+    return within
+
+
+def require_unmasked(values: ArrayLike, name: str) -> None:
+    """ValueError for masked elements of `numpy.ma`: what stands below the mask would be taken for them."""
+    if np.ma.is_masked(values):
+        raise ValueError(
+            f"{name} are masked; a place that nobody knows, or a time, is not clear: leave it out"
+        )
+
+
 def as_places(points: ArrayLike) -> NDArray[np.float64]:
-    """Points [N, 3], or one [3], as [N, 3]. ValueError for another shape, or off the Earth."""
+    """Points [N, 3], or one [3], as [N, 3]. ValueError for another shape, masked, or off the Earth."""
+    require_unmasked(points, "points")
     array = np.atleast_2d(np.asarray(points, dtype=np.float64))
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"points must be [N, 3], got shape {list(np.shape(points))}")
@@ -25,7 +54,9 @@ def as_places(points: ArrayLike) -> NDArray[np.float64]:
 
 def as_stamps(stamps_ns: ArrayLike, count: int) -> NDArray[np.int64]:
     """Stamps in ns, [count] or one for all, as int64; `datetime64` counts in its own unit. ValueError for
-    what is no whole number (a clock in seconds), lies beyond `MOST_STAMP_NS`, or is of another shape."""
+    what is no whole number (a clock in seconds), lies beyond `MOST_STAMP_NS`, is masked, or of another
+    shape."""
+    require_unmasked(stamps_ns, "stamps")
     given = np.asarray(stamps_ns)
     if given.dtype.kind == "M":
         given = given.astype("datetime64[ns]").astype(np.int64)

@@ -20,7 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.planner.corners import MOST_CORNERS, Corners, TooManyCorners, corners_round, joined, seen
 from crowdfence.planner.open_ground import ground_round, way_over_open_ground
-from crowdfence.planner.place_and_time import MOST_PLACE_M, MOST_STAMP_NS, as_stamps, told
+from crowdfence.planner.place_and_time import (
+    MOST_PLACE_M,
+    MOST_STAMP_NS,
+    as_area,
+    as_stamps,
+    require_unmasked,
+    told,
+)
 from crowdfence.planner.timed_way import earliest_way
 from crowdfence.planner.zones_met import ZonesMet
 from crowdfence.zones import Zone
@@ -84,11 +91,14 @@ def safe_route(
     expires       zones may be flown through after their `valid_until_ns`: the earliest way, which may wait,
                   never in a zone. A zone without such an end, or with one beyond 2116, stays closed for good
 
-    NoRoute where there is none, ValueError for no place or stamp, and for a departure without a speed.
+    NoRoute where there is none, ValueError for no place, stamp or area, and for a departure without a speed.
     """
     import shapely
 
     zones = closed_of(zones)
+    within = as_area(within)
+    for end in (start, goal):
+        require_unmasked(end, "start and goal")
     ends = np.asarray([start, goal], dtype=np.float64)
     if ends.shape != (2, 2) or not (np.abs(ends) <= MOST_PLACE_M).all():
         raise ValueError(
