@@ -198,6 +198,12 @@ def test_detectors_that_count_people_or_do_not_say_how_far_they_see_leave_nothin
             Detector(tmp_path / "known.onnx", far_every_s=seconds)
 
 
+def test_another_word_for_what_is_enlarged_is_refused() -> None:
+    """It was taken for a fourth, with which less of far ground is looked at."""
+    with pytest.raises(ValueError, match="enlarge is 'Always'; allowed: never, affordable, always"):
+        Detector(enlarge="Always")  # type: ignore[arg-type]
+
+
 @given(hnp.arrays(np.int8, (3, 3), elements=st.integers(0, 3)))
 def test_no_seam_shows_where_parts_meet(red: Detector, which: np.ndarray) -> None:
     """The mean colour of a cell is the same at any size of the picture: on a ramp of one level a pixel all

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,7 @@ from crowdfence.detector.inference.picture_parts import Enlarge
 from crowdfence.detector.inference.sized_model import SizedModel
 from crowdfence.detector.onnx_session import open_session
 from crowdfence.detector.shipped import model_path
-from crowdfence.errors import DetectorError
+from crowdfence.errors import DetectorError, quoted
 
 AnyContract = Contract | Mapping[str, Any] | str | PathLike[str]
 
@@ -82,8 +82,10 @@ class Detector:
         of its looks in between, see `pipeline.far_looks`; 0: it is never left out.
 
         OSError when a file cannot be read; DetectorError when the model, the contract or the device cannot be
-        used; ValueError for seconds that are negative or not finite.
+        used; ValueError for seconds that are negative or not finite, and for another word of `enlarge`.
         """
+        if enlarge not in get_args(Enlarge):
+            raise ValueError(f"enlarge is {quoted(enlarge)}; allowed: {', '.join(get_args(Enlarge))}")
         if not 0.0 <= far_every_s < float("inf"):
             raise ValueError(f"far_every_s is {far_every_s:g}; it must be finite and >= 0")
         path = model_path(model, device)
