@@ -1,5 +1,6 @@
 """The frame loop by itself: views in, what happened out."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Literal
 
@@ -167,3 +168,21 @@ def test_an_instant_that_comes_late_changes_the_zones_of_now() -> None:
 def test_the_threshold_is_the_methods_own_unless_told() -> None:
     assert FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig()).threshold == 0.5
     assert FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig(threshold=0.9)).threshold == 0.9
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda kept: b"",
+        lambda kept: b"abc",
+        lambda kept: kept[:-3],
+        lambda kept: kept[3:],
+        lambda kept: kept[:60],
+    ],
+)
+def test_what_is_no_state_is_refused_and_changes_nothing(damage: Callable[[bytes], bytes]) -> None:
+    loop, other = (FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig()) for _ in range(2))
+    loop.step([view("a", 8.0, crowd_in(slice(2, 4), slice(2, 4)))], START_NS)
+    with pytest.raises(ValueError, match="that is no state of "):
+        other.restore(damage(loop.to_bytes()))
+    assert other.crowd_mass == {}

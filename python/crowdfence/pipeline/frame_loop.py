@@ -118,10 +118,13 @@ class FrameLoop:
         """What `to_bytes` gave, for a loop made with the same settings around the crowd map of that moment.
         ValueError for anything else."""
         end = 8 + int.from_bytes(data[:8], "little")
-        masses = json.loads(data[8:end])
+        try:
+            masses = {drone: CrowdMass(**mass) for drone, mass in json.loads(data[8:end]).items()}
+        except (AttributeError, TypeError, ValueError) as error:
+            raise ValueError(f"that is no state of a frame loop: {error}") from error
         with self._whole:
-            self.crowd_mass = {drone: CrowdMass(**mass) for drone, mass in masses.items()}
             self._engine.restore(data[end:])
+            self.crowd_mass = masses
 
     def _counted(self, update: Update) -> Update:
         for observation in update.observations:

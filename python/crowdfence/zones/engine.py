@@ -17,6 +17,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +154,7 @@ class ZoneEngine:
                 }
                 self._ground.tracker.restore(told, arrays)
                 self._shapes.restore(told["outlines"], self._ground.tracker.alive)
-        except (KeyError, TypeError, OSError) as error:
+        except (KeyError, TypeError, EOFError, OSError, BadZipFile) as error:
             raise ValueError(f"that is no state of zones: {type(error).__name__} {error}") from error
 
     def _seen_in(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
