@@ -403,6 +403,8 @@ def test_a_way_round_the_zones(run: Path, tmp_path: Path) -> None:
         assert len(np.unique(np.asarray(picture).reshape(-1, 4), axis=0)) > 10
     done = CliRunner().invoke(app, [*map(str, common), "--at", "+1", "--clearance-m", "9"])
     assert done.exit_code == GATE_NOT_MET and "from zone Z1; the clearance is 9 m" in done.stderr
+    told = refused(*common, "--clearance-m", "nan")
+    assert in_options(told) == "--clearance-m is nan; it must lie between 0 and 1e+06"
 
 
 def test_a_way_stays_over_the_ground_of_the_map(run: Path, tmp_path: Path) -> None:

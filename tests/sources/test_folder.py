@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from crowdfence.cli.wording import in_options
 from crowdfence.sources import FrameError, RefusedFrame, open_recording
 from crowdfence.sources.convert import convert
 from support.small_recordings import (
@@ -263,9 +264,9 @@ def test_what_else_a_description_says_is_told(recorded):
     edit_description(recorded, lambda d: d.update(georefrence=d.pop("georeference")))
     recording = open_recording(recorded)
     assert recording.georeference is None
-    assert (
-        "recording.json: georefrence not used; known are cameras, georeference, terrain" in recording.warnings
-    )
+    told = 'recording.json: georefrence not used; known are "cameras", "georeference", "terrain"'
+    assert told in recording.warnings
+    assert in_options(told) == told  # they are keys, no options of ours
 
 
 def test_lens_models_of_the_description(recorded):

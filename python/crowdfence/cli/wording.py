@@ -45,7 +45,7 @@ _NAMED_OTHERWISE = {
 _REFUSED = re.compile(
     "^(threshold|off_threshold|opening_looks|max_vertices|min_area_m2|max_hole_m2|simplify_m|stale_after_s|"
     "tolerance_ms|target_height_m|zone_log_odds|clear_log_odds|memory_s|sharp_gsd_m|doubt|agreement|prior|alpha|"
-    f"decay|fleet_size|b_threshold|{'|'.join(_NAMED_OTHERWISE)})(?= is | must )"
+    f"decay|fleet_size|b_threshold|clearance_m|{'|'.join(_NAMED_OTHERWISE)})(?= is | must )"
 )
 """With these a refusal begins; elsewhere in a message they are words."""
 _OF_ANOTHER_KIND = re.compile(r"\b([a-z_]+)(?= does not apply$| says something about a recording;)")

@@ -34,7 +34,8 @@ def read_description(path: Path, warnings: list[str]) -> dict[str, Any]:
         raise ValueError(f'{path} must be an object with "cameras", an object by drone name')
     if unknown := [key for key in description if key not in _KEYS]:
         # Notes of its owner, or a name that is misspelt.
-        warnings.append(f"{path.name}: {', '.join(unknown)} not used; known are {', '.join(_KEYS)}")
+        known = ", ".join(f'"{key}"' for key in _KEYS)
+        warnings.append(f"{path.name}: {', '.join(unknown)} not used; known are {known}")
     return description
 
 
