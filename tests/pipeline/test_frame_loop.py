@@ -186,3 +186,19 @@ def test_what_is_no_state_is_refused_and_changes_nothing(damage: Callable[[bytes
     with pytest.raises(ValueError, match="that is no state of "):
         other.restore(damage(loop.to_bytes()))
     assert other.crowd_mass == {}
+
+
+def test_zones_do_not_go_on_from_another_map() -> None:
+    """What is closed stays so until somebody looks; where nobody has, it would be in no zone."""
+    loop = FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig())
+    loop.step([view("a", 8.0, crowd_in(slice(2, 4), slice(2, 4)))], START_NS)
+    smaller = Terrain.from_occupancy(np.ones((4, 4, 1), bool), 1.0)
+    for terrain, told in (
+        (FLOOR, "it closes what nobody has seen here"),
+        (smaller, "voxel id .* does not exist"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            FrameLoop(CrowdMap(terrain, Or()), ZoneConfig()).restore(loop.to_bytes())
+    again = FrameLoop(CrowdMap.from_bytes(loop.crowd_map.to_bytes(), FLOOR), ZoneConfig())
+    again.restore(loop.to_bytes())
+    assert len(again.look_again(START_NS + SECOND_NS)) == 1

@@ -146,6 +146,10 @@ class ZoneEngine:
                     looked_ns = arrays["closed_looked_ns"]
                 else:  # a build that took for new what was seen after the last step
                     looked_ns = np.full(len(closed), told["stepped_ns"], np.int64)
+                if (self._crowd_map.last_seen_ns(closed) < 0).any():
+                    raise ValueError(
+                        "that is no state of zones on this map: it closes what nobody has seen here"
+                    )
                 self._ground.closed.restore(closed, looked_ns, below)
                 self.crowd_voxel_ids = arrays["crowd_voxel_ids"]
                 self._evidence = {
