@@ -205,6 +205,18 @@ def test_on_the_running_service(tmp_path: Path) -> None:
         assert zones["Z1"]["dismissed"] is None and '"Z1"' in http.get("/api/v1/export").text
 
 
+def test_a_zone_appears_once_though_operators_act_at_its_instant(tmp_path: Path) -> None:
+    """Its history said "appeared" once more for each of their actions."""
+    with running(tmp_path) as service, asked(service) as http:
+        for instants in range(1, 13):
+            flown(service, instants)
+            for action in ("lock", "unlock"):
+                http.post(f"/api/v1/zones/Z1/{action}", json={"reason": "stage"})
+        service.store.flush()
+        events = http.get("/api/v1/zones/Z1/history").json()["events"]
+        assert [event["kind"] for event in events if event["kind"] != "updated"] == ["created"]
+
+
 def test_files_with_times_say_when_a_dismissed_zone_is_closed_again(tmp_path: Path) -> None:
     """A consumer that asks every ten minutes, and once within the minute, had none of it for ten."""
     with running(tmp_path, georeference=Georeference(46.5, 8.0, 1200.0)) as service, asked(service) as http:

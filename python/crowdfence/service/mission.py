@@ -178,6 +178,8 @@ class Mission:
         number = 1 if self.newest is None else self.newest.number + 1
         moment = Moment(number, stamp_ns, zones, marks, self._figures(found, zones))
         self.newest = moment
+        # What became of zones is told with the step that brought it, and not again with what operators do.
+        self.found = replace(found, events=())
         self.timeline.add(moment)
         for listener in self.listeners:
             listener(moment)
