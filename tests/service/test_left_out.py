@@ -192,3 +192,20 @@ def test_a_folder_of_a_build_that_knew_zones_alone_goes_on(tmp_path: Path) -> No
         newest, before = http.get("/audit").json()["entries"]
         assert (newest["drone"], newest["zone"]) == ("uav1", None)
         assert (before["drone"], before["zone"]) == (None, "Z1")
+
+
+@pytest.mark.parametrize("value", ["'text'", "x'ff'", "1.5"])
+def test_of_a_row_of_the_audit_log_that_is_damaged_the_rest_is_told(tmp_path: Path, value: str) -> None:
+    """The whole log was an error 500."""
+    with running(tmp_path) as service, asked(service) as http:
+        give(service, views(2))
+        for action in ("leave-out", "take-in"):
+            http.post(f"/api/v1/drones/uav1/{action}", json={"reason": "its lens"})
+        service.store.written(
+            lambda connection: connection.execute(
+                f"UPDATE audit SET stamp_ns = {value}, user = {value} WHERE id = 1"
+            )
+        )
+        newest, damaged = http.get("/api/v1/audit").json()["entries"]
+        assert (newest["action"], newest["user"]) == ("take_in", "local") and newest["stamp_ns"]
+        assert (damaged["action"], damaged["drone"], damaged["stamp_ns"]) == ("leave_out", "uav1", None)

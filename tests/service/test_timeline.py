@@ -231,3 +231,46 @@ def test_a_moment_that_is_damaged_is_said_not_to_be_known(tmp_path: Path, field:
         timeline.at(2_500_000_000)
     store.close()
     assert first is not None and [zone.id for zone in first.zones.static] == ["S1"]
+
+
+@pytest.mark.parametrize(
+    "field", ["figures = '{'", "figures = x'ff'", "figures = '[]'", "figures = '{}'", "stamp_ns = 'text'"]
+)
+def test_a_moment_that_is_damaged_is_missing_from_what_goes_over_all(tmp_path: Path, field: str) -> None:
+    """One such row, and the time line and the history of every zone were errors 500 or 503 until it was a
+    day old."""
+    store = Store(tmp_path, durable=False)
+    timeline, s1 = Timeline(store), _given("S1", 0.0)
+    for number in (1, 2, 3, 4):
+        known = _moment(number, *[s1] * (number > 1))  # moment 2 tells of it for those that follow
+        zones = replace(known.zones, events=(ZoneEvent(known.stamp_ns, "updated", "S1"),))
+        timeline.add(replace(known, zones=zones, figures={"zones": number}))
+    store.flush()
+    before = timeline.zone_history("S1")
+    for damaged in (3, 2):
+        store.written(
+            lambda connection, damaged=damaged: connection.execute(
+                f"UPDATE moments SET {field} WHERE number = {damaged}"
+            )
+        )
+        left = [number for number in (1, 2, 3, 4) if number < damaged or number == 4]
+        points, history = timeline.points(), timeline.zone_history("S1")
+        assert [point["zones"] for point in points if "zones" in point] == left
+        assert [event["stamp_ms"] for event in history["events"]] == [1e3 * number for number in left]
+        assert all(point in before["points"] for point in history["points"])
+    span = timeline.span_ns()
+    store.close()
+    assert span == (1_000_000_000, 4_000_000_000)
+
+
+def test_a_map_that_is_damaged_is_said_not_to_be_known(tmp_path: Path) -> None:
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    for number in (1, 2):
+        timeline.add_belief(number, number * 1_000_000_000, b"map")
+    store.written(lambda connection: connection.execute("UPDATE beliefs SET body = x'00' WHERE number = 2"))
+    with pytest.raises(LostMomentError, match="moment 2 of the history is damaged"):
+        timeline.belief_at(2_000_000_000)
+    first = timeline.belief_at(1_000_000_000)
+    store.close()
+    assert first == (1, b"map")

@@ -113,11 +113,12 @@ class Service:
         self.store.submit(audit_entry(user, action, zone, reason, drone)).result()
 
     def audit_json(self) -> list[dict[str, Any]]:
-        """The newest first."""
-        rows = self.store.rows(
-            "SELECT stamp_ns, user, role, action, zone, drone, reason FROM audit ORDER BY id DESC LIMIT 1000"
-        )
+        """The newest first. Of a row that is damaged what can still be read."""
         names = ("user", "role", "action", "zone", "drone", "reason")
+        rows = self.store.rows(
+            "SELECT CASE typeof(stamp_ns) WHEN 'integer' THEN stamp_ns END, "
+            f"{', '.join(f'CAST({name} AS TEXT)' for name in names)} FROM audit ORDER BY id DESC LIMIT 1000"
+        )
         return [{**moment_json("stamp", row[0]), **dict(zip(names, row[1:], strict=True))} for row in rows]
 
     @property

@@ -142,7 +142,7 @@ class Timeline:
         points = []
         static: dict[int, dict[str, Any]] = {}
         for stamp_ns, figures in self._figures(until_ns):
-            of = figures["of"]
+            of = figures.get("of", {})
             if zone not in of and (number := figures.get("static")) is not None:
                 if number not in static:
                     static = {number: self._told_of(number)}  # of many moments in a row
@@ -162,9 +162,9 @@ class Timeline:
     def _told_of(self, number: int) -> dict[str, Any]:
         """What the figures of a moment say of its zones."""
         rows = self._store.rows(
-            "SELECT json_extract(figures, '$.of') FROM moments WHERE number = ?", (number,)
+            f"SELECT json_extract(figures, '$.of') FROM moments WHERE number = ? AND {_IS_WHOLE}", (number,)
         )
-        told: dict[str, Any] = json.loads(rows[0][0]) if rows else {}
+        told: dict[str, Any] = json.loads(rows[0][0] or "{}") if rows else {}
         return told
 
     def _events(
@@ -172,11 +172,11 @@ class Timeline:
     ) -> Iterator[dict[str, Any]]:
         """Of the newest `MOST_POINTS` moments of a zone for which a condition in SQL holds."""
         for stamp_ns, text in self._store.rows(
-            "SELECT stamp_ns, json_extract(figures, '$.events') FROM moments "
-            f"WHERE figures LIKE ? AND stamp_ns <= ? AND ({condition}) ORDER BY number DESC LIMIT ?",
+            "SELECT stamp_ns, json_extract(figures, '$.events') FROM moments WHERE figures LIKE ? "
+            f"AND stamp_ns <= ? AND ({condition}) AND {_IS_WHOLE} ORDER BY number DESC LIMIT ?",
             (f'%"{zone}"%', _until(until_ns), MOST_POINTS),
         ):
-            for event in json.loads(text):
+            for event in json.loads(text or "[]"):
                 if zone in (event["id"], event.get("other")) and is_wanted(event["kind"]):
                     yield {**moment_json("stamp", stamp_ns), "other": None, **event}
 
@@ -191,7 +191,7 @@ class Timeline:
         stride = max(1, -(-(last - first + 1) // MOST_POINTS))
         for stamp_ns, figures in self._store.rows(
             f"SELECT stamp_ns, {told} FROM moments WHERE number <= ? AND (? - number) % ? = 0 "
-            "ORDER BY number",
+            f"AND {_IS_WHOLE} ORDER BY number",
             (last, last, stride),
         ):
             yield stamp_ns, json.loads(figures)
@@ -224,21 +224,29 @@ class Timeline:
         )
 
     def belief_at(self, stamp_ns: int) -> tuple[int, bytes] | None:
-        """The last one up to a stamp, as for `at`, with the number of its moment."""
+        """The last one up to a stamp, as for `at`, with the number of its moment. LostMomentError where it is
+        damaged."""
         last = self._last_of("beliefs", stamp_ns)
         if last is None:
             return None
         rows = self._store.rows("SELECT body FROM beliefs WHERE number = ?", last[:1])
-        return (last[0], zlib.decompress(rows[0][0])) if rows else None
+        with _readable(last[0]):
+            return (last[0], zlib.decompress(rows[0][0])) if rows else None
 
     def span_ns(self) -> tuple[int, int] | None:
         """Stamps of the first and of the last moment."""
-        ((first, last),) = self._store.rows("SELECT MIN(stamp_ns), MAX(stamp_ns) FROM moments")
+        ((first, last),) = self._store.rows(
+            "SELECT MIN(stamp_ns), MAX(stamp_ns) FROM moments WHERE typeof(stamp_ns) = 'integer'"
+        )
         return None if first is None else (first, last)
 
 
 _LOST = "what was closed then is not known: nothing could be written at moment {} of the history"
-_DAMAGED = "what was closed then is not known: moment {} of the history is damaged"
+_DAMAGED = "what was known then is lost: moment {} of the history is damaged"
+_IS_WHOLE = (
+    "typeof(stamp_ns) = 'integer' AND CASE WHEN json_valid(figures) THEN json_type(figures) = 'object' END"
+)
+"""In SQL: one that is damaged is missing from what goes over all."""
 _LASTING = " OR ".join(
     f'figures LIKE \'%"kind":"{kind}"%\'' for kind in get_args(EventKind) if kind != "updated"
 )
