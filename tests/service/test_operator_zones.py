@@ -16,7 +16,8 @@ from crowdfence.service.access import User
 from crowdfence.service.clock import Clock
 from crowdfence.service.operator_zones import OperatorAction, OperatorZones, RefusedAction, passable
 from crowdfence.service.service import Service
-from crowdfence.zones import Zone, ZoneSet
+from crowdfence.zones import Zone, ZoneEvent, ZoneSet
+from crowdfence.zones.tracker import EventKind
 from support.small_service import (
     CONFIG,
     SECOND_NS,
@@ -395,6 +396,32 @@ def test_a_small_crowd_beside_a_dismissed_zone_that_merges_into_it_is_closed() -
     assert ids(merged) == ["Z1"] and passed(mine, merged, 1) == []
 
 
+def test_a_dismissed_zone_that_falls_apart_is_dismissed_with_all_that_comes_out_of_it() -> None:
+    """Loose crowds do so every few seconds. The part that got another name was closed, for which nobody was
+    warned."""
+    drawn, mine = DrawnZones((12, 3)), operators()
+    first = drawn.drawn("""
+............
+####.##.####
+####.##.####""")
+    assert ids(first) == ["Z1"]
+    mine.do(action("dismiss"), first)
+    apart = drawn.drawn("""
+............
+####.....###
+####.....###""")
+    assert ids(apart) == ["Z1", "Z2"] and passed(mine, apart, 1) == ["Z1", "Z2"]
+    kept, marks = operators(), mine.applied_to(replace(apart, events=()), START_NS)[1]
+    kept.restore(json.loads(json.dumps(mine.to_json())))
+    assert kept.applied_to(replace(apart, events=()), START_NS)[1] == marks
+    together = drawn.drawn("""
+##.........#
+####.##.####
+####.##.####""")
+    assert ids(together) == ["Z1"] and passed(mine, together, 2) == ["Z1"], "it flickers as one alone does"
+    assert passed(mine, together, 61) == []
+
+
 def test_a_new_part_beside_a_dismissed_zone_is_closed_where_it_could_be_a_zone() -> None:
     """Half a metre away, so that the zone has it as a part: 3 m2 are a crowd, less is flicker."""
     mine = operators()
@@ -418,6 +445,24 @@ def test_crowd_that_comes_to_a_dismissed_zone_is_told(tmp_path: Path) -> None:
         assert [one.id for one in passable(moment.zones, moment.marks).closed] == [zone.id]
         alert = service.alerts.active("new_zone", zone=zone.id)
         assert alert is not None and alert.level == "warning" and "closed again" in alert.text
+
+
+@pytest.mark.parametrize("kind", ["split", "merged"])
+def test_dismissed_ground_that_is_closed_under_another_name_is_told(tmp_path: Path, kind: EventKind) -> None:
+    """As a new zone, for those who fly through it to know, or not at all."""
+    with running(tmp_path) as service:
+        flown(service, 12)
+        mission = service.mission
+        zone, other = list(mission.found)[:2]
+        service.decide(User("ana", "operator"), "dismiss", zone.id, "two cars")
+        names = (zone.id, other.id) if kind == "merged" else (other.id, zone.id)
+        zones = (other,) if kind == "merged" else (zone, other)
+        event = ZoneEvent(mission.newest.stamp_ns, kind, *names)
+        mission.found = replace(mission.found, zones=zones, events=(event,))
+        mission.publish(mission.newest.stamp_ns)
+        alert = service.alerts.active("new_zone", zone=other.id)
+        assert alert is not None and alert.level == "warning"
+        assert alert.text == f"zone {other.id} closes ground of {zone.id}, which was dismissed"
 
 
 @pytest.mark.parametrize("text", ["abc \\ud800 def", "\\udc00\\udc00\\udc00"])

@@ -20,6 +20,7 @@ from crowdfence.zones import AltitudeBand, Zone, ZoneSet
 from crowdfence.zones.ground_heights import GroundHeights
 from crowdfence.zones.history import polygon_of, rings_of, zone_of_record, zone_record
 from crowdfence.zones.rules import Restriction
+from crowdfence.zones.tracker import ZoneEvent
 from crowdfence.zones.zone_id import zone_id
 
 if TYPE_CHECKING:
@@ -154,7 +155,8 @@ class OperatorZones:
         """The zones as they are published at a moment, and what operators did to them."""
         marks: dict[str, dict[str, Any]] = {}
         alive = {zone.id: zone for zone in zones}
-        merged = {event.other for event in zones.events if event.kind == "merged"}
+        self._follow_splits(zones)
+        merged = {event.other for event in zones.events if event.kind == "merged" and self._is_other(event)}
         for name, dismissal in list(self._dismissed.items()):
             if (
                 dismissal.until_ns <= now_ns
@@ -210,6 +212,19 @@ class OperatorZones:
                 continue
             until_ns, zone = entry.pop("until_ns"), zone_of_record(entry.pop("held"))
             self._dismissed[zone.id] = _Dismissal(until_ns, zone, OperatorAction(**entry))
+
+    def _follow_splits(self, zones: ZoneSet) -> None:
+        """Where a dismissed zone falls apart, all that comes out of it is the crowd that was dismissed."""
+        for event in zones.events:
+            if event.kind == "split" and event.other in self._dismissed:
+                whole = self._dismissed[event.other]
+                self._dismissed[event.id] = replace(whole, zone=replace(whole.zone, id=event.id))
+
+    def _is_other(self, event: ZoneEvent) -> bool:
+        """Whether what went into a zone was not dismissed with it, as what had come out of it was."""
+        before = self._dismissed.get(event.id)
+        now = None if event.other is None else self._dismissed.get(event.other)
+        return before is None or now is None or before.action != now.action
 
     def _reaches_beyond(self, dismissed: Zone, zone: Zone, least_m2: float, *, has_merged: bool) -> bool:
         """Whether it closes other crowd than what was dismissed. Ground that came in a merge is no flicker,

@@ -118,14 +118,21 @@ class Watch:
                 self._service.alerts.clear("new_zone", moment.stamp_ns, zone=event.id)
 
     def _ended_dismissals(self, moment: Moment) -> None:
-        """A dismissal that ends before its time: whoever flies through the zone must hear of it."""
+        """A dismissal that ends before its time, also where its ground goes on under another name: whoever
+        flies through it must hear of it."""
         before, marks = self._dismissed, moment.marks
-        self._dismissed = _dismissed(moment)
+        now = self._dismissed = _dismissed(moment)
+        texts = {name: f"zone {name} is closed again: it is no longer dismissed" for name in before - now}
+        for event in moment.zones.events:
+            old, new = (event.other, event.id) if event.kind == "split" else (event.id, event.other)
+            if event.kind in ("split", "merged") and old in before and new is not None and new not in now:
+                texts.setdefault(new, f"zone {new} closes ground of {old}, which was dismissed")
         for zone in moment.zones:
-            if zone.id in before - self._dismissed and not marks.get(zone.id, {}).get("locked"):
-                text = f"zone {zone.id} is closed again: it is no longer dismissed"
+            if zone.id in texts and not marks.get(zone.id, {}).get("locked"):
                 self._service.alerts.clear("new_zone", moment.stamp_ns, zone=zone.id)
-                self._service.alerts.raise_("new_zone", "warning", text, moment.stamp_ns, zone=zone.id)
+                self._service.alerts.raise_(
+                    "new_zone", "warning", texts[zone.id], moment.stamp_ns, zone=zone.id
+                )
 
     def _silence(self) -> None:
         service, now_ns, live = self._service, self._service.now_ns(), self._service.live
