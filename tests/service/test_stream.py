@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import resource
 import socket
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -12,9 +13,10 @@ import uvicorn
 from websockets.sync.client import connect
 
 from crowdfence import Client
-from crowdfence.service import stream
+from crowdfence.service import server, stream
 from crowdfence.service.server import listen
 from support.on_the_network import on_the_network
+from support.served import serving
 from support.small_service import asked, message, running, settle, views
 
 
@@ -249,6 +251,50 @@ def test_the_body_of_an_answer_does_not_wait_for_the_acknowledgement_of_its_head
         connection, _ = listening.accept()
         with connection:
             assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+            # One whose other side is gone without a word would be kept for good.
+            assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+            assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
+
+
+def test_whoever_connects_and_says_nothing_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They were kept for good, until there was no place for drones."""
+    monkeypatch.setattr(server, "_FIRST_WORD_S", 0.3)
+
+    class Answering(asyncio.Protocol):
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            self.transport = transport
+
+        def data_received(self, data: bytes) -> None:
+            self.transport.write(data)  # type: ignore[attr-defined]
+
+    async def asked() -> tuple[bytes, bytes]:
+        at = await asyncio.get_running_loop().create_server(server.impatient(Answering), "127.0.0.1", 0)
+        async with at:
+            place = at.sockets[0].getsockname()
+            silent, _ = await asyncio.open_connection(*place)
+            reader, writer = await asyncio.open_connection(*place)
+            writer.write(b"a")
+            first, nothing = await reader.read(1), await asyncio.wait_for(silent.read(), 20.0)
+            writer.write(b"b")
+            return nothing, first + await reader.read(1)
+
+    assert asyncio.run(asked()) == (b"", b"ab")
+
+
+def test_a_service_takes_more_connections_than_files_are_open_as_a_rule(tmp_path: Path) -> None:
+    """With 1024 connections open, which it has at most where nobody says otherwise, it served nobody any more
+    and logged 50,000 lines a second."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if before[1] < 2048:
+        pytest.skip(f"this system lets a process open {before[1]} files")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (1024, before[1]))  # as the process inherits it
+    try:
+        with serving(tmp_path) as served:
+            limits = Path(f"/proc/{served.process.pid}/limits").read_text()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    (line,) = [line for line in limits.splitlines() if line.startswith("Max open files")]
+    assert int(line.split()[3]) >= 2048
 
 
 def test_the_python_client_against_a_server(tmp_path: Path) -> None:

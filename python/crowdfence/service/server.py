@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import ipaddress
+import resource
 import socket
 import ssl
 import stat
@@ -22,6 +24,17 @@ if TYPE_CHECKING:
     import uvicorn
 
 LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+_MOST_CONNECTIONS = 1500
+"""Whoever comes beyond them is told 503."""
+_OPEN_FILES = 16384
+"""Far more than connections. Where a system's limit is reached (1024 as a rule), asyncio tries to accept all
+the time and logs every attempt: nobody is served any more, and the disk is full of it within hours."""
+_FIRST_WORD_S = 30.0
+"""Whoever connects and says nothing for so long is cut off: it costs a place."""
+_GONE = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
+"""Seconds of silence until the other side is asked whether it is there, seconds to the next time, and times.
+A drone whose radio fails in the middle of a picture says no farewell, and comes again over another
+connection."""
 
 
 class OpenToAll(ValueError):
@@ -92,6 +105,9 @@ def listen(config: uvicorn.Config) -> socket.socket:
     # Connections inherit it. An answer's head and body are written apart: without it the body waits until
     # the other side acknowledges the head, 40 ms. asyncio sets it only on sockets that name their protocol.
     listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in _GONE.items():
+        listening.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
     try:
         listening.bind((config.host, config.port))
         listening.listen(config.backlog)
@@ -104,10 +120,33 @@ def listen(config: uvicorn.Config) -> socket.socket:
     return listening
 
 
+def _with_room_for_connections() -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = _OPEN_FILES if hard == resource.RLIM_INFINITY else min(_OPEN_FILES, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+def impatient(protocol: type[asyncio.Protocol]) -> type[asyncio.Protocol]:
+    """A protocol of a connection that closes it where the other side says nothing at all."""
+
+    class Impatient(protocol):  # type: ignore[misc, valid-type]
+        def connection_made(self, transport: asyncio.Transport) -> None:
+            super().connection_made(transport)
+            self._closing = asyncio.get_running_loop().call_later(_FIRST_WORD_S, transport.close)
+
+        def data_received(self, data: bytes) -> None:
+            self._closing.cancel()
+            super().data_received(data)
+
+    return Impatient
+
+
 def serve(service: Service, address: Address, on_ready: Callable[[str], None]) -> None:
     """Until the process is told to end (SIGINT, SIGTERM). `on_ready` gets the address once it listens.
     OSError where it cannot."""
     import uvicorn
+    from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
     from crowdfence.service.app import make_app
 
@@ -117,12 +156,13 @@ def serve(service: Service, address: Address, on_ready: Callable[[str], None]) -
         make_app(service, hosts=hosts, secure=address.certificate is not None),
         host=address.host,
         port=address.port,
+        http=impatient(AutoHTTPProtocol),
         ssl_certfile=None if address.certificate is None else str(address.certificate),
         ssl_keyfile=None if address.key is None else str(address.key),
         log_config=None,
         access_log=False,
         server_header=False,
-        limit_concurrency=1500,
+        limit_concurrency=_MOST_CONNECTIONS,
         timeout_keep_alive=30,
         timeout_graceful_shutdown=3,
         ws_max_size=1 << 16,
@@ -130,6 +170,7 @@ def serve(service: Service, address: Address, on_ready: Callable[[str], None]) -
         ws_ping_timeout=20.0,
     )
     listening = listen(config)
+    _with_room_for_connections()
     try:
         with _sigterm_unwinds():
             on_ready(address.url(listening.getsockname()[1]))
