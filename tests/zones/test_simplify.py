@@ -59,6 +59,20 @@ def test_parts_and_holes_go_only_when_the_budget_asks() -> None:
     assert same(simplified(two, max_vertices=4), shapely.box(0, 0, 6, 1))
 
 
+def test_parts_share_a_budget_without_closing_what_lies_between_them() -> None:
+    """They became one convex shape as soon as they had a corner too many: loose crowds closed a third more
+    ground."""
+    chipped = [(0, 0), (10, 0), (10, 9), (9, 10), (0, 10)]  # half a square metre
+    notched = [(20, 0), (29, 0), (29, 9), (25, 9), (25, 8), (24, 8), (24, 9), (20, 9)]  # one
+    two = shapely.MultiPolygon([shapely.Polygon(chipped), shapely.Polygon(notched)])
+    assert same(simplified(two, max_vertices=12), two.union(shapely.box(0, 0, 10, 10)))
+    squares = shapely.box(0, 0, 10, 10).union(shapely.box(20, 0, 29, 9))
+    assert same(simplified(two, max_vertices=8), squares)
+    island = shapely.box(0, 0, 9, 9) - shapely.box(2, 2, 7, 7)
+    both = shapely.MultiPolygon([island, shapely.box(4, 4, 5, 5)])
+    assert same(simplified(both, max_vertices=7), shapely.box(0, 0, 9, 9))
+
+
 @settings(max_examples=300)
 @given(
     cells=CELLS,

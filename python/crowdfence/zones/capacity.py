@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.zones.simplify import LEAST_VERTICES, FewerCorners, vertex_count
+from crowdfence.zones.simplify import LEAST_VERTICES, MOST_CORNERS, FewerCorners, vertex_count
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -26,10 +26,9 @@ _NO_WIDTH_M = 1e-6
 MOST_PAIRED = 150
 """Shapes between which the best pair is searched; more are first put together by their places."""
 _NEIGHBOURS = 4
-MOST_CORNERS = 2500
-"""Of an outline whose corners are left out one by one, which takes time with their square: 20,000 took two
-minutes. More, as of coasts and parks, are made fewer at once first."""
 _CORNERS_PER_ITEM = 8
+"""An outline of more corners, and of more than `MOST_CORNERS`, as of coasts and parks, is made coarser at
+once first."""
 _FIRST_TOLERANCE = 1e-4
 """Of the longer side of the bounds."""
 _MOST_TOLERANCES = 12

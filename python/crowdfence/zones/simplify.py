@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,9 @@ MARGIN_M = 1e-6
 """Added all around an outline that was changed: outweighs the rounding of corners that are computed, and of
 those who ask whether an edge runs past a corner."""
 LEAST_VERTICES = 3
+MOST_CORNERS = 2500
+"""Of an outline whose corners are left out one by one, which takes time with their square: 20,000 took two
+minutes."""
 _MITRE_LIMIT = 1e3  # every corner stays one corner
 _STRAIGHT = 1e-9
 _TURN = 2 * math.pi
@@ -63,15 +67,20 @@ def _each_part(outline: Polygon | MultiPolygon, tolerance_m: float) -> Polygon |
 
 
 def _within_budget(outline: Polygon | MultiPolygon, budget: int) -> Polygon | MultiPolygon:
-    """The first that keeps the budget: as it is, without holes, as one convex shape, as a triangle."""
+    """The first that keeps the budget: as it is, without holes, as one convex shape, as a triangle. Parts
+    that are too many for it, or take long, are one at once."""
     import shapely
 
-    if outline.geom_type == "Polygon":
-        shell = shapely.Polygon(outline.exterior)
-        for shape in (outline, shell) if outline.interiors else (outline,):
-            result = _covering(outline, _fewer(shape, np.inf, budget))
-            if vertex_count(result) <= budget:
-                return result
+    parts = shapely.get_parts(outline)
+    shapes = [outline]
+    if shapely.get_num_interior_rings(parts).any():
+        shapes.append(shapely.union_all(shapely.polygons(shapely.get_exterior_ring(parts))))
+    if len(parts) > 1 and (LEAST_VERTICES * len(parts) > budget or vertex_count(outline) > MOST_CORNERS):
+        shapes = []
+    for shape in shapes:
+        result = _covering(outline, _fewer(shape, np.inf, budget))
+        if vertex_count(result) <= budget:
+            return result
     hull = _fewer(shapely.convex_hull(outline), np.inf, budget)
     for shape in (hull, shapely.oriented_envelope(outline), _triangle_around(outline)):
         result = _covering(outline, shape)
@@ -108,18 +117,20 @@ def _triangle_around(outline: Polygon | MultiPolygon) -> Polygon:
     return shapely.Polygon([corner, 2 * along - corner, 2 * across - corner])
 
 
-def _fewer(polygon: Polygon, tolerance_m: float, budget: int) -> Polygon:
+def _fewer(outline: Polygon | MultiPolygon, tolerance_m: float, budget: int) -> Polygon | MultiPolygon:
     """By the cheapest moves of all rings, until none is within the tolerance or the budget is kept."""
-    corners = _corners_of(polygon)
+    corners = _corners_of(outline)
     corners.simplify(tolerance_m, budget)
-    return corners.polygon()
+    return corners.outline()
 
 
-def _corners_of(polygon: Polygon) -> _Corners:
+def _corners_of(outline: Polygon | MultiPolygon) -> _Corners:
     from shapely.geometry.polygon import orient
 
-    oriented = orient(polygon, 1.0)  # the ground that is closed lies to the left of every edge
-    return _Corners([np.asarray(ring.coords)[:-1] for ring in (oriented.exterior, *oriented.interiors)])
+    # The ground that is closed lies to the left of every edge.
+    parts = [orient(part, 1.0) for part in getattr(outline, "geoms", [outline])]
+    rings = [[part.exterior, *part.interiors] for part in parts]
+    return _Corners([[np.asarray(ring.coords)[:-1] for ring in of_part] for of_part in rings])
 
 
 def _turns_left(ring: NDArray[np.float64]) -> bool:
@@ -147,7 +158,7 @@ class FewerCorners:
             if self._corners is None:
                 self._corners = _corners_of(self._outline)
             self._corners.simplify(np.inf, max_vertices)
-            result = _covering(self._outline, self._corners.polygon())
+            result = _covering(self._outline, self._corners.outline())
             if vertex_count(result) <= max_vertices:
                 return result
         return simplified(self._outline, max_vertices=max_vertices)
@@ -160,9 +171,12 @@ new edges may reach."""
 
 
 class _Corners:
-    """The corners of a polygon's rings as linked lists, and the moves that take one away."""
+    """The corners of an outline's rings as linked lists, and the moves that take one away."""
 
-    def __init__(self, rings: list[NDArray[np.float64]]) -> None:
+    def __init__(self, parts: list[list[NDArray[np.float64]]]) -> None:
+        """Of each part the shell, then its holes."""
+        rings = [ring for of_part in parts for ring in of_part]
+        self._rings_of_parts = [len(of_part) for of_part in parts]
         self.points = np.concatenate(rings)
         self._places: list[_Place] = [(x, y) for x, y in self.points.tolist()]
         """The same as plain numbers: moves are worked out one at a time."""
@@ -197,11 +211,15 @@ class _Corners:
             kept.append(self.points[order])
         return kept
 
-    def polygon(self) -> Polygon:
+    def outline(self) -> Polygon | MultiPolygon:
         import shapely
 
-        shell, *holes = self.rings()
-        return shapely.Polygon(shell, [hole for hole in holes if len(hole) >= LEAST_VERTICES])
+        rings = iter(self.rings())
+        parts = []
+        for count in self._rings_of_parts:
+            shell, *holes = islice(rings, count)
+            parts.append(shapely.Polygon(shell, [hole for hole in holes if len(hole) >= LEAST_VERTICES]))
+        return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
     def simplify(self, tolerance_m: float, budget: int) -> None:
         """May be called again with the same tolerance and a smaller budget: it goes on where it stopped."""
