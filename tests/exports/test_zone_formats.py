@@ -125,6 +125,19 @@ def kml_polygons(text: str, anchor: tuple[float, ...]) -> Iterator[shapely.Polyg
             yield polygon([part.exterior.coords, *(ring.coords for ring in part.interiors)], anchor)
 
 
+def multidrone_polygons(text: str, anchor: tuple[float, ...]) -> Iterator[shapely.Polygon]:
+    """As multidrone_kml_parser.cpp of grvcTeam/multidrone_planning does: in folders alone, of each placemark
+    the first polygon and of that the outer boundary. One without any ends it, and nothing of the file
+    counts."""
+    kml = "{http://www.opengis.net/kml/2.2}"
+    for folder in ElementTree.fromstring(text).find(f"{kml}Document") or []:
+        for placemark in folder:
+            if placemark.findtext(f"{kml}name") == "2":
+                path = "/".join(f"{kml}{tag}" for tag in ("Polygon", "outerBoundaryIs", "LinearRing"))
+                corners = placemark.find(path).findtext(f"{kml}coordinates").split()
+                yield polygon([[tuple(map(float, corner.split(","))) for corner in corners]], anchor)
+
+
 def csv_polygons(text: str, anchor: tuple[float, ...]) -> Iterator[shapely.Polygon]:
     for row in csv.DictReader(io.StringIO(text)):
         shape = shapely.from_wkt(row["wkt"])
@@ -149,7 +162,7 @@ READERS: dict[str, Reader] = {
     "ed269": ed269_polygons,
     "f3548": f3548_polygons,
     "kml": kml_polygons,
-    "multidrone": kml_polygons,
+    "multidrone": multidrone_polygons,
     "csv": csv_polygons,
     "qgc": qgc_polygons,
 }
@@ -215,7 +228,7 @@ def test_what_is_read_covers_what_is_closed_and_little_more(name: str, picture: 
     read = shapely.union_all(read_by(name, exported(zones)))
     assert read.covers(closed)
     # Formats without holes close them: in the ring 2 m2. A fence may use circles.
-    holes_m2 = 0.0 if name in ("ed318", "kml", "multidrone", "csv") or picture is not RING else 2.0
+    holes_m2 = 0.0 if name in ("ed318", "kml", "csv") or picture is not RING else 2.0
     if name != "qgc":
         assert read.area == pytest.approx(closed.area + holes_m2, abs=0.2)
 
@@ -484,8 +497,9 @@ def test_kml_is_named_and_dated() -> None:
     first = document.features[0]
     assert first.name == "Crowd Z1" and first.begin.dt.isoformat() == "2025-10-09T08:53:29.500000+00:00"
     assert next(iter(first.geometry.exterior.coords))[2] == 120.0
-    (document,) = fastkml.KML.from_string(undeclared(ZONE_FORMATS["multidrone"](exported()))).features
-    assert {placemark.name for placemark in document.features} == {"2"}
+    text = ZONE_FORMATS["multidrone"](exported(zones_of("#.##")))
+    ((folder,),) = (document.features for document in fastkml.KML.from_string(undeclared(text)).features)
+    assert [(placemark.id, placemark.name) for placemark in folder.features] == [("Z1", "2"), ("Z1.2", "2")]
 
 
 def test_geojson_is_rfc_7946_and_holds_unseen_ground() -> None:
@@ -538,6 +552,7 @@ def test_a_zone_of_others_above_the_sea_takes_no_crowd_out_of_the_file(
     text = ZONE_FORMATS[kind](both)
     if kind in ("kml", "multidrone"):
         (document,) = fastkml.KML.from_string(undeclared(text)).features
+        document = document if kind == "kml" else document.features[0]
         tops = [next(iter(place.geometry.exterior.coords))[2] for place in document.features]
         assert tops == [120.0, {"AMSL": 1500.0, "WGS84": 1500.0 + 107.0}[bounded]]
         modes = [

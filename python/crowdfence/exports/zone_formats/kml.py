@@ -1,15 +1,18 @@
 """Zones as KML 2.2: extruded from the ground to their upper limit, with the time for which they hold.
 
 Heights are above the ground, or above the sea where others bounded a zone above that or the ellipsoid. A
-polygon of KML has no lower limit, so a zone that begins above the ground is drawn down to it. `multidrone`
-names every polygon "2", which is how the planners of the paper's authors (grvcTeam/multidrone_planning) know
-a no-fly zone.
+polygon of KML has no lower limit, so a zone that begins above the ground is drawn down to it.
+
+`multidrone` is for the planners of the paper's authors (grvcTeam/multidrone_planning), which know a no-fly
+zone by the name "2". They look for it in folders alone, read the outer boundary of one polygon of it, and
+throw all of a file away of which one zone has none: every part of a zone stands by itself, without holes.
 """
 
 from __future__ import annotations
 
 import re
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as xml
 
 import numpy as np
@@ -18,6 +21,9 @@ from crowdfence.exports.geographic_outline import polygons_of
 from crowdfence.exports.zone_formats.times import rfc3339
 from crowdfence.exports.zone_formats.zone_export import ZoneExport
 from crowdfence.zones import AltitudeBand, Zone
+
+if TYPE_CHECKING:
+    from shapely import Polygon
 
 _NAMESPACE = "http://www.opengis.net/kml/2.2"
 _STYLES = {
@@ -33,7 +39,7 @@ _NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def kml(export: ZoneExport, *, multidrone: bool = False) -> str:
-    """A document with one placemark per zone."""
+    """A document with one placemark per zone; in a folder, and per part of a zone, for `multidrone`."""
     root = xml.Element("kml", xmlns=_NAMESPACE)
     document = _child(root, "Document")
     _child(document, "name", f"Crowd zones {export.mission}".strip())
@@ -41,15 +47,30 @@ def kml(export: ZoneExport, *, multidrone: bool = False) -> str:
         style = xml.SubElement(document, "Style", id=kind)
         _child(_child(style, "LineStyle"), "color", line)
         _child(_child(style, "PolyStyle"), "color", fill)
+    folder = _child(document, "Folder") if multidrone else document
     for zone in export.zones:
-        _placemark(document, zone, export, multidrone)
+        parts = list(polygons_of(export.outline(zone)))
+        if not multidrone:
+            _placemark(folder, zone.id, export.name_of(zone), zone, parts, export)
+            continue
+        for number, part in enumerate(parts, 1):
+            name = zone.id if number == 1 else f"{zone.id}.{number}"
+            _placemark(folder, name, _MULTIDRONE_NO_FLY, zone, [_without_holes(part)], export)
     xml.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + xml.tostring(root, encoding="unicode") + "\n"
 
 
-def _placemark(document: Any, zone: Zone, export: ZoneExport, multidrone: bool) -> None:
-    place = xml.SubElement(document, "Placemark", id=zone.id)
-    _child(place, "name", _MULTIDRONE_NO_FLY if multidrone else export.name_of(zone))
+def _without_holes(part: Polygon) -> Polygon:
+    import shapely
+
+    return shapely.Polygon(part.exterior)
+
+
+def _placemark(
+    parent: Any, id: str, name: str, zone: Zone, parts: Sequence[Polygon], export: ZoneExport
+) -> None:
+    place = xml.SubElement(parent, "Placemark", id=id)
+    _child(place, "name", name)
     span = _child(place, "TimeSpan")
     _child(span, "begin", rfc3339(export.start_ns(zone)))
     if zone.valid_until_ns is not None:
@@ -58,11 +79,10 @@ def _placemark(document: Any, zone: Zone, export: ZoneExport, multidrone: bool) 
     data = _child(place, "ExtendedData")
     for name, value in _told(zone).items():
         _child(xml.SubElement(data, "Data", name=name), "value", value)
-    parts = list(polygons_of(export.outline(zone)))
-    parent = place if len(parts) == 1 else _child(place, "MultiGeometry")
+    geometry = place if len(parts) == 1 else _child(place, "MultiGeometry")
     band = zone.band if zone.band.datum == "AGL" else export.band(zone, "AMSL")
     for part in parts:
-        _polygon(parent, part, band)
+        _polygon(geometry, part, band)
 
 
 def _told(zone: Zone) -> dict[str, str]:

@@ -9,6 +9,7 @@ from crowdfence.exports.zone_formats.zone_export import ZoneExport
 WITHOUT_HOLES = {
     "ed269": "holes of zones are closed",
     "ed269-list": "holes of zones are closed",
+    "multidrone": "holes of zones are closed",
     "f3548": "holes of zones are closed, and a zone has at most 1000 corners",
 }
 """What makes a file of these close more than its zones."""
