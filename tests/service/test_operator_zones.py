@@ -465,6 +465,19 @@ def test_dismissed_ground_that_is_closed_under_another_name_is_told(tmp_path: Pa
         assert alert.text == f"zone {other.id} closes ground of {zone.id}, which was dismissed"
 
 
+def test_a_part_with_a_name_of_its_own_is_no_crowd_that_appears(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        flown(service, 12)
+        mission = service.mission
+        zone, other = list(mission.found)[:2]
+        service.alerts.clear("new_zone", mission.newest.stamp_ns, zone=other.id)
+        event = ZoneEvent(mission.newest.stamp_ns, "split", other.id, zone.id)
+        mission.found = replace(mission.found, events=(event,))
+        mission.publish(mission.newest.stamp_ns)
+        alert = service.alerts.active("new_zone", zone=other.id)
+        assert alert is not None and alert.text.startswith(f"zone {other.id} came out of {zone.id}: ")
+
+
 @pytest.mark.parametrize("text", ["abc \\ud800 def", "\\udc00\\udc00\\udc00"])
 def test_a_reason_with_half_a_character_is_refused(tmp_path: Path, text: str) -> None:
     body = f'{{"reason": "{text}", "polygon": [[1, 1], [5, 1], [5, 5]]}}'.encode()

@@ -112,7 +112,8 @@ class Watch:
             if event.kind in ("created", "split"):
                 zone = next((one for one in moment.zones if one.id == event.id), None)
                 if zone is not None:
-                    text = f"zone {zone.id} appeared: {square_metres(zone.area_m2)} of crowd"
+                    whence = "appeared" if event.other is None else f"came out of {event.other}"
+                    text = f"zone {zone.id} {whence}: {square_metres(zone.area_m2)} of crowd"
                     self._service.alerts.raise_("new_zone", "info", text, moment.stamp_ns, zone=zone.id)
             elif event.kind in ("expired", "merged"):
                 self._service.alerts.clear("new_zone", moment.stamp_ns, zone=event.id)
