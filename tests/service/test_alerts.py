@@ -126,3 +126,16 @@ def test_what_is_active_is_what_a_look_at_all_alerts_finds(tmp_path: Path) -> No
         assert differences(alerts) == differences(Alerts(store)) == 0
     finally:
         store.close()
+
+
+def test_what_is_over_at_a_stamp_before_it_happened_is_over(tmp_path: Path) -> None:
+    """A zone is closed again now, because its dismissal ends, and views of a second ago, which waited for the
+    detector, show nobody there: its alert stood for good."""
+    store = Store(tmp_path, durable=False)
+    try:
+        alerts = Alerts(store)
+        alerts.raise_("new_zone", "warning", "zone Z1 is closed again", 5_000_000_000, zone="Z1")
+        alerts.clear("new_zone", 4_000_000_000, zone="Z1")
+        assert alerts.active("new_zone", zone="Z1") is None
+    finally:
+        store.close()

@@ -210,7 +210,8 @@ class Alerts:
             known = self._active(kind, drone, zone)
             if known is None:
                 return
-            if now_ns - self._happened_ns.get(known.id, known.raised_ns) < calm_s * 1e9:
+            happened_ns = self._happened_ns.get(known.id, known.raised_ns)
+            if calm_s > 0.0 and now_ns - happened_ns < calm_s * 1e9:
                 return
             over = self._keep(replace(known, cleared_ns=now_ns))
         self.on_change(over)
