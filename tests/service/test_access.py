@@ -268,6 +268,19 @@ def test_bodies_and_requests_have_limits(tmp_path: Path) -> None:
         assert 429 in codes
 
 
+def test_a_body_that_is_no_view_is_small(guarded) -> None:
+    """Four of 16 MB at once took 1.8 GB, and no token was needed for them."""
+    _, tokens, http = guarded
+    corners = [[-99_999.123456789012 + k, -99_999.123456789012 - k * k / 100] for k in range(1999)]
+    drawn = json.dumps({"polygon": corners, "reason": "x" * 500}).encode()
+    headers = {**bearer(tokens, "operator"), "content-type": "application/json"}
+    assert http.post("/api/v1/zones", content=drawn, headers=headers).status_code == 201
+    large = b'{"polygon": [' + b",".join([b"{}"] * 100_000) + b"]}"
+    for body in (large, iter([large[:200_000], large[200_000:]])):
+        assert http.post("/api/v1/zones", content=body).status_code in (400, 413)
+    assert http.post("/api/v1/views", content=large, headers=headers).status_code == 422  # it is read
+
+
 def test_a_page_and_the_drones_behind_one_address_do_not_stop_each_other(tmp_path: Path) -> None:
     """Twice as many at once as a second: six requests of the page, and ten views."""
     tight = replace(SETTINGS, requests_per_s=3.0, given_per_s=5.0)
