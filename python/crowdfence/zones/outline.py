@@ -140,7 +140,7 @@ def _vertex_count(x: NDArray[np.int64], ring: NDArray[np.int64]) -> NDArray[np.i
 def _assembled(
     rings: NDArray[Any], part: NDArray[np.int64], is_hole: NDArray[np.bool_], part_region: NDArray[np.int64]
 ) -> list[Polygon | MultiPolygon]:
-    """One polygon per region, of several parts where its columns touch only at corners. Holes and parts come
+    """One polygon per region, of several parts where not all its columns touch. Holes and parts come
     in the order of the rings."""
     import shapely
 

@@ -39,13 +39,13 @@ given          somebody else closed it
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """One connected region of crowd, in local metres."""
+    """One region of crowd, of one or more parts, in local metres."""
 
     id: str
     """At most 7 characters: `find_zones` counts, a `ZoneEngine` keeps it as long as the zone lives."""
     polygon: Polygon | MultiPolygon
-    """What is closed, in the local plane (x east, y north). A region whose cells touch only at corners is a
-    MultiPolygon; ground enclosed by crowd, but below the threshold, is a hole."""
+    """What is closed, in the local plane (x east, y north). Of crowd that lies together and does not touch,
+    or at corners only, a MultiPolygon; ground enclosed by crowd, but below the threshold, is a hole."""
     cell_count: int
     area_m2: float
     """Of the columns that hold crowd; `polygon.area` is what is closed. Zones that no look at crowd made have
