@@ -1,7 +1,9 @@
 """Moments on disk, asked for over time."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import shapely
@@ -60,6 +62,39 @@ def test_what_became_of_a_zone_is_told_however_long_it_lasts(
         *[("updated", float(number)) for number in range(26, 31)],
     ]
     assert [event["stamp_ms"] / 1e3 for event in early] == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_what_became_of_a_zone_is_found_without_reading_the_whole_history(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An open card asks every second. After eight hours each took two to three seconds, and with four of them
+    views waited to be looked up."""
+    monkeypatch.setattr(timeline_module, "MOST_POINTS", 5)
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    flown = [("created", "Z1"), ("updated", "Z1"), ("updated", "Z1"), ("expired", "Z1"), ("created", "Z2")]
+    for number, (kind, name) in enumerate([*flown, *[("updated", "Z2")] * 20], 1):
+        event = ZoneEvent(number * 1_000_000_000, kind, name)  # type: ignore[arg-type]
+        timeline.add(replace(_moment(number), zones=replace(_moment(number).zones, events=(event,))))
+    store.flush()
+    asked, rows = [], store.rows
+
+    def noting(query: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
+        asked.append((query, values))
+        return rows(query, values)
+
+    monkeypatch.setattr(store, "rows", noting)
+    told = {zone: timeline.zone_history(zone)["events"] for zone in ("Z1", "Z2", "O1")}
+    points = timeline.points()
+    steps = [row[3] for query, values in asked for row in rows(f"EXPLAIN QUERY PLAN {query}", values)]
+    store.close()
+    assert {zone: [event["kind"] for event in events] for zone, events in told.items()} == {
+        "Z1": ["created", "updated", "updated", "expired"],
+        "Z2": ["created", *["updated"] * 5],
+        "O1": [],
+    }
+    assert [point["stamp_ms"] for point in points] == [5e3, 10e3, 15e3, 20e3, 25e3]
+    assert not [step for step in steps if step.startswith("SCAN moments") and "lasting_moments" not in step]
 
 
 def _moment(number: int, *static: Zone) -> Moment:

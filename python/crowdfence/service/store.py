@@ -19,10 +19,11 @@ from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 from threading import Lock, Thread
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple, TextIO, get_args
 
 from crowdfence.service.write_ahead_log import commits_in
 from crowdfence.service.write_trouble import WriteTrouble
+from crowdfence.zones.tracker import EventKind
 
 FILE = "crowdfence.sqlite"
 LOCK = "crowdfence.lock"
@@ -69,7 +70,11 @@ class _Outcome(NamedTuple):
     failure: Exception | None
 
 
-_TABLES = """
+LASTING = " OR ".join(
+    f'figures LIKE \'%"kind":"{kind}"%\'' for kind in get_args(EventKind) if kind != "updated"
+)
+"""In SQL: moments at which more became of a zone than that it changed; they are few."""
+_TABLES = f"""
 CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS journal (
   seq INTEGER PRIMARY KEY AUTOINCREMENT, kind TEXT NOT NULL, drone TEXT NOT NULL, stamp_ns INTEGER NOT NULL,
@@ -82,6 +87,7 @@ CREATE TABLE IF NOT EXISTS moments (
   number INTEGER PRIMARY KEY, stamp_ns INTEGER NOT NULL, whole INTEGER NOT NULL, line BLOB NOT NULL,
   marks TEXT NOT NULL, figures TEXT NOT NULL);
 CREATE INDEX IF NOT EXISTS moments_by_stamp ON moments (stamp_ns);
+CREATE INDEX IF NOT EXISTS lasting_moments ON moments (number) WHERE {LASTING};
 CREATE TABLE IF NOT EXISTS beliefs (number INTEGER PRIMARY KEY, stamp_ns INTEGER NOT NULL, body BLOB NOT
 NULL); CREATE INDEX IF NOT EXISTS beliefs_by_stamp ON beliefs (stamp_ns); CREATE TABLE IF NOT EXISTS media (
   kind TEXT NOT NULL, drone TEXT NOT NULL, stamp_ns INTEGER NOT NULL, body BLOB NOT NULL,

@@ -5,18 +5,20 @@ from __future__ import annotations
 import json
 import sqlite3
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from crowdfence.service.stamps import moment_json
-from crowdfence.service.store import Store
+from crowdfence.service.store import LASTING, Store
 from crowdfence.service.zone_json import Marks
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import history_line, zone_set_of_line
-from crowdfence.zones.tracker import EventKind
 
+_Happened = tuple[int, dict[str, Any]]
+"""The number of a moment, and what became of a zone then."""
+_LAST = (1 << 63) - 1
 WHOLE_EVERY = 50
 """Moments from one whose outlines are all written to the next one."""
 MOST_POINTS = 2000
@@ -153,11 +155,21 @@ class Timeline:
                     {**moment_json("stamp", stamp_ns), "probability_max": probability, "closed_m2": closed_m2}
                 )
         # Not the moments of one question: a zone in view changes at nearly every one, for hours.
+        lasting = list(self._events(zone, until_ns, lambda kind: kind != "updated", LASTING))
+        within = f"number BETWEEN {self._begin_of(zone, lasting)} AND {_end_of(zone, lasting)}"
         events = [
-            *self._events(zone, until_ns, lambda kind: kind != "updated", _LASTING),
-            *self._events(zone, until_ns, lambda kind: kind == "updated", "1"),
+            *(event for _, event in lasting),
+            *(event for _, event in self._events(zone, until_ns, lambda kind: kind == "updated", within)),
         ]
         return {"points": points, "events": sorted(events, key=lambda event: int(event["stamp_ns"]))}
+
+    def _begin_of(self, zone: str, lasting: Sequence[_Happened]) -> int:
+        """The number of the moment before which nothing changed about it. Of zones of others nothing is told:
+        to find that out the whole history would be read, for seconds, as often as somebody asks."""
+        if not lasting:
+            return self._newest_number - MOST_POINTS
+        number, event = lasting[-1]
+        return number if event["id"] == zone and event["kind"] in ("created", "split") else 0
 
     def _told_of(self, number: int) -> dict[str, Any]:
         """What the figures of a moment say of its zones."""
@@ -169,16 +181,17 @@ class Timeline:
 
     def _events(
         self, zone: str, until_ns: int | None, is_wanted: Callable[[str], bool], condition: str
-    ) -> Iterator[dict[str, Any]]:
-        """Of the newest `MOST_POINTS` moments of a zone for which a condition in SQL holds."""
-        for stamp_ns, text in self._store.rows(
-            "SELECT stamp_ns, json_extract(figures, '$.events') FROM moments WHERE figures LIKE ? "
+    ) -> Iterator[_Happened]:
+        """Of the newest `MOST_POINTS` moments of a zone for which a condition in SQL holds, the newest
+        first."""
+        for number, stamp_ns, text in self._store.rows(
+            "SELECT number, stamp_ns, json_extract(figures, '$.events') FROM moments WHERE figures LIKE ? "
             f"AND stamp_ns <= ? AND ({condition}) AND {_IS_WHOLE} ORDER BY number DESC LIMIT ?",
             (f'%"{zone}"%', _until(until_ns), MOST_POINTS),
         ):
             for event in json.loads(text or "[]"):
                 if zone in (event["id"], event.get("other")) and is_wanted(event["kind"]):
-                    yield {**moment_json("stamp", stamp_ns), "other": None, **event}
+                    yield number, {**moment_json("stamp", stamp_ns), "other": None, **event}
 
     def _figures(
         self, until_ns: int | None = None, told: str = "figures"
@@ -190,9 +203,11 @@ class Timeline:
             return
         stride = max(1, -(-(last - first + 1) // MOST_POINTS))
         for stamp_ns, figures in self._store.rows(
-            f"SELECT stamp_ns, {told} FROM moments WHERE number <= ? AND (? - number) % ? = 0 "
-            f"AND {_IS_WHOLE} ORDER BY number",
-            (last, last, stride),
+            "WITH RECURSIVE wanted (number) AS "
+            "(SELECT ?1 UNION ALL SELECT number - ?2 FROM wanted WHERE number - ?2 >= ?3) "
+            f"SELECT stamp_ns, {told} FROM wanted JOIN moments USING (number) WHERE {_IS_WHOLE} "
+            "ORDER BY number",
+            (last, stride, first),
         ):
             yield stamp_ns, json.loads(figures)
 
@@ -247,10 +262,6 @@ _IS_WHOLE = (
     "typeof(stamp_ns) = 'integer' AND CASE WHEN json_valid(figures) THEN json_type(figures) = 'object' END"
 )
 """In SQL: one that is damaged is missing from what goes over all."""
-_LASTING = " OR ".join(
-    f'figures LIKE \'%"kind":"{kind}"%\'' for kind in get_args(EventKind) if kind != "updated"
-)
-"""In SQL: moments at which more became of a zone than that it changed."""
 _OWN = ("of", "events", "static")
 _WITHOUT_OWN = f"json_remove(figures, {', '.join(repr(f'$.{name}') for name in _OWN)})"
 """In SQL: with many zones nearly all of a row is theirs, and it would be read here to be left out."""
@@ -265,8 +276,14 @@ def _readable(number: int) -> Iterator[None]:
         raise LostMomentError(_DAMAGED.format(number)) from error
 
 
+def _end_of(zone: str, lasting: Sequence[_Happened]) -> int:
+    """The number of the moment after which nothing changed about it."""
+    number, event = lasting[0] if lasting else (_LAST, {})
+    return number if event.get("id") == zone and event["kind"] in ("expired", "merged") else _LAST
+
+
 def _until(stamp_ns: int | None) -> int:
-    return (1 << 63) - 1 if stamp_ns is None else stamp_ns
+    return _LAST if stamp_ns is None else stamp_ns
 
 
 def _plain(value: float) -> float | None:
