@@ -245,6 +245,18 @@ def test_files_with_times_say_when_a_dismissed_zone_is_closed_again(tmp_path: Pa
         assert until not in json.dumps(features) and '"Z1"' in json.dumps(features)
 
 
+def test_heights_that_a_format_does_not_know_are_refused(tmp_path: Path) -> None:
+    """They came above the ground, as 0 to 120 m, which above the sea is below the ground of most missions."""
+    with running(tmp_path, georeference=Georeference(46.5, 8.0, 1200.0)) as service, asked(service) as http:
+        flown(service, 9)
+        for kind in ("geojson", "kml", "multidrone", "qgc"):
+            assert http.get(f"/api/v1/export?format={kind}&datum=AGL").status_code == 200
+            refused = http.get(f"/api/v1/export?format={kind}&datum=WGS84")
+            assert refused.status_code == 422 and "no heights above WGS84" in refused.json()["detail"]
+        for kind in ("ed318", "f3548", "csv"):
+            assert http.get(f"/api/v1/export?format={kind}&datum=WGS84&country=CHE").status_code == 200
+
+
 @pytest.mark.parametrize("method", [EvidenceConfig(memory_s=3.0), PaperConfig(fleet_size=3, decay=0.01)])
 def test_files_of_zones_that_stand_though_nobody_looks_name_no_end_that_is_over(
     tmp_path: Path, method: EvidenceConfig | PaperConfig

@@ -18,6 +18,8 @@ _MEDIA["multidrone"] = _MEDIA["kml"]
 FORMATS = ("geojson", *ZONE_FORMATS)
 _TIMELESS = ("geojson", "qgc", "multidrone")
 """Whoever reads these goes by what is in them, and looks at no time from which on."""
+_ABOVE_GROUND = ("geojson", "kml", "multidrone", "qgc")
+"""Their heights are above the ground, or none: whoever asks for others would take these for them."""
 
 
 class NotPossible(ValueError):
@@ -37,6 +39,9 @@ def download(mission: Mission, moment: Moment, kind: str, now_ns: int, **how: An
     for a format that there is not, NotPossible."""
     if kind not in FORMATS:
         raise ValueError(f"format {kind!r} is none of {', '.join(FORMATS)}")
+    if kind in _ABOVE_GROUND and how.get("datum", "AGL") != "AGL":
+        others = ", ".join(one for one in FORMATS if one not in _ABOVE_GROUND)
+        raise ValueError(f"{kind} knows no heights above {how['datum']}; those that do are {others}")
     is_timeless = kind in _TIMELESS
     holds_ns = max(moment.stamp_ns, now_ns) if moment is mission.newest else moment.stamp_ns
     standing = _standing(moment.zones, holds_ns)
