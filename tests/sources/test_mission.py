@@ -394,9 +394,9 @@ def test_heatmaps_of_any_kind_come_back(tmp_path):
     ]
     with MissionWriter(tmp_path / "m.mcap") as writer:
         writer.add_camera("a", CAMERA)
-        for stamp, values in enumerate(kinds):
-            writer.add_pose("a", stamp, [0, 0, 0], IDENTITY)
-            writer.add_frame("a", stamp, heatmap=values, regions=np.full((HEIGHT, WIDTH), 300))
+        for number, values in enumerate(kinds):
+            writer.add_pose("a", number * 100 * MS, [0, 0, 0], IDENTITY)
+            writer.add_frame("a", number * 100 * MS, heatmap=values, regions=np.full((HEIGHT, WIDTH), 300))
     frames = open_recording(tmp_path / "m.mcap").frames
     for frame, values in zip(frames, kinds, strict=True):
         expected = values if values.dtype == np.uint8 else values.astype(np.float32)

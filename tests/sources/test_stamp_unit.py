@@ -36,6 +36,35 @@ def test_frames_of_today_in_another_unit_are_refused_at_any_rate(
         open_recording(write_hovering(tmp_path / "rec", {"uav1": stamps}))
 
 
+@pytest.mark.parametrize(
+    ("per_second", "begins_s", "period_s", "apart"),
+    [
+        (10**6, 0, 0.1, "0.1"),
+        (10**6, 50, 3, "3"),
+        (10**3, 7200, 0.1, "0.0001"),
+        (1, 0, 1, "1e-06"),
+        (1, 86_400, 60, "6e-05"),
+    ],
+)
+def test_a_clock_since_the_start_in_another_unit_is_refused(
+    tmp_path: Path, per_second: int, begins_s: int, period_s: float, apart: str
+) -> None:
+    """A flight of an hour took nanoseconds: no ground that was seen empty was ever stale."""
+    stamps = [round((begins_s + k * period_s) * per_second) for k in range(5)]
+    said = (
+        f"the stamps of uav1 are no nanoseconds: its frames would be {apart} ms apart, closer than any camera"
+    )
+    with pytest.raises(ValueError, match=said):
+        open_recording(write_hovering(tmp_path / "rec", {"uav1": stamps}))
+
+
+def test_two_looks_of_one_shot_are_no_unit(tmp_path: Path) -> None:
+    """Through a wide lens and a long one, by a camera whose clock was never set."""
+    shots = [5 * SECOND, 5 * SECOND + 1000]
+    for name, stamps in (("one", shots), ("two", [*shots, 7 * SECOND, 7 * SECOND + 1000])):
+        assert open_recording(write_hovering(tmp_path / name, {"uav1": stamps})).warnings == ()
+
+
 def test_one_drone_of_a_fleet_is_enough(tmp_path: Path) -> None:
     right = [NOW_S * SECOND + k * SECOND for k in range(5)]
     fleet = {"uav1": right, "uav2": [stamp // 1000 for stamp in right]}

@@ -5,6 +5,7 @@ thousand times too small: nothing ever gets old. A clock of a simulation or of a
 pass through the same numbers, but no camera takes its frames that close together.
 """
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from statistics import median_low
@@ -15,12 +16,15 @@ THIS_CENTURY_S = range(1_000_000_000, 4_000_000_000)
 """September 2001 to October 2096, since the epoch."""
 _FASTEST_FRAMES_NS = 4_000_000
 """Cameras of drones take up to 240 frames a second."""
+_LEAST_FRAMES = 3
+"""So many tell how far apart a camera takes them; two may be of one shot through two lenses."""
 
 
 def unit_warning(drone: str, stamps_ns: Sequence[int]) -> str | None:
     """One line where the stamps of a drone's frames may be in another unit. ValueError where they must be."""
     unit = _looks_like(stamps_ns)
     if unit is None:
+        _refuse_other_clocks(drone, stamps_ns)
         return None
     first_ns, factor = min(stamps_ns), 10**9 // _OTHER_UNITS[unit]
     apart_ns = _apart_ns(stamps_ns)
@@ -47,6 +51,21 @@ def unit_hint(stamp_ns: int) -> str:
         return ""
     factor = 10**9 // _OTHER_UNITS[unit]
     return f"; {stamp_ns} looks like {unit} since 1970: stamps are nanoseconds, multiply by {factor}"
+
+
+def _refuse_other_clocks(drone: str, stamps_ns: Sequence[int]) -> None:
+    """ValueError for a clock in another unit that began with the machine or the simulation: its numbers are
+    no date, and only how close the frames are tells it."""
+    if any(stamp // 10**9 in THIS_CENTURY_S for stamp in stamps_ns):
+        return
+    frames = len(set(stamps_ns))
+    apart_ns = (max(stamps_ns) - min(stamps_ns)) / (frames - 1) if frames >= _LEAST_FRAMES else math.inf
+    if apart_ns < _FASTEST_FRAMES_NS:
+        raise ValueError(
+            f"the stamps of {drone} are no nanoseconds: its frames would be {apart_ns / 1e6:g} ms apart, "
+            "closer than any camera takes them; multiply seconds by 1000000000, milliseconds by 1000000, "
+            "microseconds by 1000"
+        )
 
 
 def _looks_like(stamps_ns: Sequence[int]) -> str | None:
