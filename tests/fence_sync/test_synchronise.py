@@ -438,6 +438,47 @@ def test_a_fence_that_will_not_be_kept_is_an_alarm(
     assert covers(vehicle, FAR)
 
 
+KEPT = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "autopilot", "words", "is_alarm"),
+    [
+        ({"GF_ACTION": 2, "GF_PREDICT": 0}, mavlink.MAV_AUTOPILOT_PX4, "GF_PREDICT is 0", True),
+        ({**KEPT, "OA_TYPE": 0}, ARDUPILOT, "OA_TYPE is 0; set 2", True),
+        (KEPT, ARDUPILOT, "close so much more around crowds", False),  # an aeroplane has no way round
+    ],
+)
+def test_a_vehicle_that_halts_only_behind_the_edge_of_the_fence_is_told(
+    tmp_path: Path, parameters: dict[str, int], autopilot: int, words: str, is_alarm: bool
+) -> None:
+    report = keeper(EmulatedVehicle(parameters=parameters, autopilot=autopilot), tmp_path).put(FAR, HERE)
+    assert words in told(report)["acts_inside"] and alarms(report) == ["acts_inside"] * is_alarm
+
+
+@pytest.mark.parametrize(
+    ("parameters", "autopilot"),
+    [
+        ({"GF_ACTION": 2, "GF_PREDICT": 1}, mavlink.MAV_AUTOPILOT_PX4),
+        ({"GF_ACTION": 2}, mavlink.MAV_AUTOPILOT_PX4),  # v1.12 predicts, and has no parameter for it
+        ({**KEPT, "OA_TYPE": 2}, ARDUPILOT),
+    ],
+)
+def test_a_vehicle_that_keeps_away_from_the_fence(
+    tmp_path: Path, parameters: dict[str, int], autopilot: int
+) -> None:
+    report = keeper(EmulatedVehicle(parameters=parameters, autopilot=autopilot), tmp_path).put(FAR, HERE)
+    assert "acts_inside" not in told(report)
+
+
+def test_what_a_vehicle_does_not_know_it_is_not_asked_again(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle(parameters={"GF_ACTION": 2})
+    keep = keeper(vehicle, tmp_path)
+    assert keep.enforcement() == []
+    vehicle.parameters["GF_PREDICT"] = 0  # as if it knew it: nobody asks
+    assert keep.enforcement() == []
+
+
 @pytest.mark.parametrize(
     ("geofence", "armed", "told_of_it"),
     [
@@ -452,8 +493,8 @@ def test_a_fence_that_is_switched_off_in_flight_is_an_alarm(
     tmp_path: Path, geofence: tuple[bool, bool] | None, armed: bool, told_of_it: bool
 ) -> None:
     """FENCE_ENABLE stays 1 then, and nothing keeps the vehicle out."""
-    keeps = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
-    vehicle = EmulatedVehicle(autopilot=ARDUPILOT, parameters=keeps, geofence=geofence, armed=armed)
+    parameters = {**KEPT, "OA_TYPE": 2}
+    vehicle = EmulatedVehicle(autopilot=ARDUPILOT, parameters=parameters, geofence=geofence, armed=armed)
     keep = keeper(vehicle, tmp_path)
     keep.station.listen(2.5)
     report = keep.put(FAR, HERE)

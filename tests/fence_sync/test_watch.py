@@ -316,7 +316,7 @@ def test_each_parameter_that_switches_a_fence_off_is_named(tmp_path: Path) -> No
 
 def test_a_switch_that_puts_a_fence_off_in_flight_is_told_until_it_is_on_again(tmp_path: Path) -> None:
     watched = Watched(tmp_path, check_s=5.0)
-    keeps = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
+    keeps = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1, "OA_TYPE": 2}
     watched.vehicle.autopilot, watched.vehicle.parameters = ARDUPILOT, keeps
     watched.watch._keeper.station.vehicle.autopilot = ARDUPILOT
     watched.vehicle.geofence = (True, True)

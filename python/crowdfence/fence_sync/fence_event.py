@@ -20,6 +20,7 @@ EventKind = Literal[
     "position_unknown",
     "home_unknown",
     "not_enforced",
+    "acts_inside",
     "autopilot_unknown",
     "several_vehicles",
     "refused_by_text",

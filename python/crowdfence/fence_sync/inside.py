@@ -1,8 +1,8 @@
 """Is the vehicle, or its home, in what its fence closes?
 
-Then the fence is taken and not kept: PX4 drops every shape that holds the vehicle or its home, with a line in
-its log only, and a vehicle in the middle of a zone stays there. ArduPilot keeps it (AC_PolyFence_loader.cpp,
-`breached`): a vehicle in it has breached it and does at once what FENCE_ACTION says, also above the crowd.
+Then the fence is taken and not kept: PX4 drops every shape that holds the vehicle or its home (v1.12 with a
+line in its log only, newer ones with a text), and a vehicle in the middle of a zone stays there. ArduPilot
+keeps it: a vehicle in it has breached it and does at once what FENCE_ACTION says, also above the crowd.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def inside(
         yield FenceEvent(
             "home_inside",
             f"home lies in the fence{_of_zone(place, zones)}: "
-            + ("" if _keeps_it(vehicle) else "PX4 drops that part of the fence without a word, and ")
+            + ("" if _keeps_it(vehicle) else "PX4 drops that part of the fence, and ")
             + "a return leads into it; move home or land elsewhere",
             alarm=True,
         )

@@ -36,7 +36,7 @@ def optional(
     kind: _Optional, clock: Clock, patience: Patience, *, most_tries: int = OPTIONAL_TRIES
 ) -> Conversation[Message | None]:
     """A `Position`, `Home` or `Version`; None where the vehicle does not say it."""
-    few = replace(patience, tries=min(patience.tries, most_tries))
+    few = _few(patience, most_tries)
 
     def answer(heard: Message) -> Message | None:
         return heard if isinstance(heard, kind) else None
@@ -49,9 +49,10 @@ def optional(
 
 
 def parameters(
-    names: Iterable[str], autopilot: int, clock: Clock, patience: Patience
+    names: Iterable[str], autopilot: int, clock: Clock, patience: Patience, *, most_tries: int | None = None
 ) -> Conversation[dict[str, float]]:
-    """Values by name, of those that the vehicle says."""
+    """Values by name, of those that the vehicle says; `most_tries` for those that it may not know."""
+    patience = patience if most_tries is None else _few(patience, most_tries)
     values = {}
     for name in names:
 
@@ -65,3 +66,7 @@ def parameters(
         except Silence:
             continue
     return values
+
+
+def _few(patience: Patience, most_tries: int) -> Patience:
+    return replace(patience, tries=min(patience.tries, most_tries))

@@ -13,7 +13,7 @@ from typing import Any
 
 from crowdfence.atomic_file import writable_folder
 from crowdfence.fence_sync.autopilot_capacity import Capacity, StorageCapacity, usual_capacity
-from crowdfence.fence_sync.enforcement import PARAMETERS, enforcement
+from crowdfence.fence_sync.enforcement import NOT_OF_EVERY_VERSION, PARAMETERS, enforcement
 from crowdfence.fence_sync.fence_error import FenceError, Silence
 from crowdfence.fence_sync.fence_event import FenceEvent
 from crowdfence.fence_sync.fence_item import (
@@ -124,6 +124,8 @@ class FenceKeeper:
         self.memory_path = memory_file(folder, station.vehicle)
         self._kept: VehicleMemory | None = None
         """What this one remembered last; in the file stands what anybody did."""
+        self._absent: set[str] = set()
+        """Parameters that the vehicle does not know, which every question waits for."""
 
     def read(self) -> tuple[tuple[FenceShape, ...], tuple[FenceShape, ...]]:
         """All shapes that the vehicle holds, and those of them that are ours."""
@@ -225,6 +227,11 @@ class FenceKeeper:
         autopilot = station.vehicle.autopilot
         names = PARAMETERS.get(autopilot, ())
         values = station.hold(parameters(names, autopilot, station.clock, station.patience))
+        if values:
+            rare = [name for name in NOT_OF_EVERY_VERSION.get(autopilot, ()) if name not in self._absent]
+            few = parameters(rare, autopilot, station.clock, station.patience, most_tries=OPTIONAL_TRIES)
+            values |= station.hold(few)
+            self._absent.update(set(rare) - values.keys())
         return list(enforcement(station.vehicle, values))
 
     def strangers(self, *, most_tries: int = OPTIONAL_TRIES) -> list[FenceEvent]:

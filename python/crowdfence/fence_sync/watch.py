@@ -36,6 +36,7 @@ _PLACES = ("vehicle_inside", "home_inside", "position_unknown", "home_unknown")
 _LASTING = (
     *_PLACES,
     "not_enforced",
+    "acts_inside",
     "autopilot_unknown",
     "refused_by_text",
     "zone_without_ground",
@@ -237,7 +238,7 @@ class FenceWatch:
             return
         if not self._is_unsent:
             self._say_while(("failed",), [])
-        self._say_while(("not_enforced", "autopilot_unknown"), unkept)
+        self._say_while(("not_enforced", "acts_inside", "autopilot_unknown"), unkept)
         self._keeper.find_home()
         if _keys(shapes) != _keys(self._shapes) and self._alive is not None:
             self._debounce.failed(float("-inf"))
