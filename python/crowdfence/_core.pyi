@@ -91,7 +91,7 @@ class Camera:
         fy: float,
         cx: float,
         cy: float,
-        distortion: Sequence[float] | None = None,
+        distortion: ArrayLike | None = None,
     ) -> Camera:
         """Pinhole camera, plain or with Brown-Conrady distortion.
 
@@ -99,7 +99,8 @@ class Camera:
         fx, fy         focal length along a row and along a column, in pixels
         cx, cy         principal point (column, row) in continuous pixels. Calibrations that put the centre of
                        the first pixel at (0, 0), as those of OpenCV and ROS do, need 0.5 added to both
-        distortion     (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), OpenCV's order; None = plain pinhole
+        distortion     (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), OpenCV's order; None = plain pinhole. Also
+                       in a row or a column, as OpenCV's calibrations give them
 
         ViewError names the parameter that is not finite or out of bounds, or the number of coefficients.
         """
@@ -111,7 +112,7 @@ class Camera:
         fy: float,
         cx: float,
         cy: float,
-        distortion: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
+        distortion: ArrayLike = (0.0, 0.0, 0.0, 0.0),
     ) -> Camera:
         """Fisheye camera by Kannala and Brandt: a polynomial in the angle off the axis.
 

@@ -159,6 +159,21 @@ def test_properties_return_what_was_given() -> None:
     assert (fisheye.model, fisheye.distortion) == ("kannala_brandt", [0.1, 0.02, 0.003, 0.0004])
 
 
+def test_distortion_as_calibrations_of_opencv_give_it() -> None:
+    """`cv2.calibrateCamera` gives a row or a column, by its version; `cv2.fisheye.calibrate` a column."""
+    intrinsics, pinhole, fisheye = (
+        (640, 480, 500.0, 500.0, 320.0, 240.0),
+        (0.1, 0.01, 1e-3, 2e-3, 0.03),
+        (0.1,) * 4,
+    )
+    for shape in ((5,), (1, 5), (5, 1)):
+        given = np.reshape(pinhole, shape)
+        assert Camera.pinhole(*intrinsics, given) == Camera.pinhole(*intrinsics, pinhole)
+    assert Camera.fisheye(*intrinsics, np.reshape(fisheye, (4, 1))) == Camera.fisheye(*intrinsics, fisheye)
+    with pytest.raises(ValueError, match=r"distortion has shape \[2, 2\]"):
+        Camera.pinhole(*intrinsics, np.zeros((2, 2)))
+
+
 def test_fisheye_sees_sideways_and_backwards_but_not_straight_behind() -> None:
     camera = Camera.fisheye(640, 480, 100.0, 100.0, 320.0, 240.0)
     pixels = camera.project([[5.0, 0.0, 0.0], [0.0, 5.0, -5.0], [0.0, 0.0, -5.0]])

@@ -44,6 +44,16 @@ fn side(value: &Bound<'_, PyAny>) -> PyResult<u32> {
     })
 }
 
+/// In a row or a column, as OpenCV's calibrations give them, or a plain sequence.
+fn coefficients(value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
+    let squeezed = value.py().import("numpy")?.call_method1("squeeze", (value,))?;
+    Array::new(&squeezed, "distortion", &[None])?.to_vec()
+}
+
+fn coefficients_or_none(value: &Bound<'_, PyAny>) -> PyResult<Option<Vec<f64>>> {
+    (!value.is_none()).then(|| coefficients(value)).transpose()
+}
+
 #[pymethods]
 impl PyCamera {
     /// Pinhole camera, plain or with Brown-Conrady distortion.
@@ -52,7 +62,8 @@ impl PyCamera {
     /// fx, fy         focal length along a row and along a column, in pixels
     /// cx, cy         principal point (column, row) in continuous pixels. Calibrations that put the centre of
     ///                the first pixel at (0, 0), as those of OpenCV and ROS do, need 0.5 added to both
-    /// distortion     (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), OpenCV's order; None = plain pinhole
+    /// distortion     (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), OpenCV's order; None = plain pinhole. Also
+    ///                in a row or a column, as OpenCV's calibrations give them
     ///
     /// ViewError names the parameter that is not finite or out of bounds, or the number of coefficients.
     #[staticmethod]
@@ -64,7 +75,7 @@ impl PyCamera {
         fy: f64,
         cx: f64,
         cy: f64,
-        distortion: Option<Vec<f64>>,
+        #[pyo3(from_py_with = coefficients_or_none)] distortion: Option<Vec<f64>>,
     ) -> PyResult<Self> {
         let distortion = match distortion {
             None => Distortion::None,
@@ -91,7 +102,7 @@ impl PyCamera {
         fy: f64,
         cx: f64,
         cy: f64,
-        distortion: Vec<f64>,
+        #[pyo3(from_py_with = coefficients)] distortion: Vec<f64>,
     ) -> PyResult<Self> {
         let distortion = Distortion::kannala_brandt(&distortion).map_err(refuse)?;
         PyCamera::new([width, height], [fx, fy], [cx, cy], distortion)
