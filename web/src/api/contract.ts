@@ -156,7 +156,8 @@ export interface Alert {
 }
 
 export interface AuditEntry {
-  stamp_ms: number;
+  /** null where the row is damaged. */
+  stamp_ms: number | null;
   user: string;
   role: string;
   action: string;

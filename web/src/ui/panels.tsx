@@ -286,7 +286,7 @@ function Audit() {
         {entries.map((entry, k) => (
           <tr key={k}>
             <td>
-              {dateOf(entry.stamp_ms, clock)} {timeOfDay(entry.stamp_ms, clock, 0)}
+              {entry.stamp_ms === null ? "time lost" : `${dateOf(entry.stamp_ms, clock)} ${timeOfDay(entry.stamp_ms, clock, 0)}`}
             </td>
             <td>
               {entry.user} <small>{entry.role}</small>
