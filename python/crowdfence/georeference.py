@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.datum import uncovered_heights, wgs84_from
 from crowdfence.plain_values import make_plain
+from crowdfence.unmasked import require_unmasked
 
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
@@ -125,14 +126,8 @@ def _require_within(name: str, value: float, lowest: float, highest: float) -> N
         raise ValueError(f"georeference: {name} is {value}, must lie in [{lowest:g}, {highest:g}]")
 
 
-def _require_unmasked(values: ArrayLike, name: str) -> None:
-    """What stands below a mask of `numpy.ma` would be taken for a place."""
-    if np.ma.is_masked(values):
-        raise ValueError(f"{name} are masked; leave out what nobody knows")
-
-
 def _columns(points: ArrayLike) -> tuple[NDArray[np.float64], ...]:
-    _require_unmasked(points, "points")
+    require_unmasked(points, "points")
     array = np.atleast_2d(np.asarray(points, dtype=np.float64))
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"points must have shape [N, 3], not {list(np.shape(points))}")
@@ -192,7 +187,7 @@ def _transform(
 ) -> tuple[NDArray[np.float64], ...]:
     """Three arrays through PROJ; ValueError for the first entry that is not finite before or after."""
     for values in coordinates:
-        _require_unmasked(values, "coordinates")
+        require_unmasked(values, "coordinates")
     arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(values, np.float64)) for values in coordinates))
     if arrays[0].ndim != 1:
         raise ValueError(f"coordinates must be scalars or [N], not of shape {list(arrays[0].shape)}")

@@ -166,7 +166,7 @@ def _asked(air: ClearAir) -> list[Callable[[object, object], object]]:
         ([(0.0, 0.0)] * 2, r"points must be \[N, 3\], got shape \[2, 2\]"),
         (
             np.ma.masked_less([(30.0, 0.0, 5.0), (-1.0, 0.0, 5.0)], 0.0),
-            "points are masked; a place that nobody",
+            "points are masked; leave out what nobody knows",
         ),
     ],
 )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.errors import quoted
+from crowdfence.unmasked import require_unmasked
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -29,14 +30,6 @@ def as_area(within: Polygon | MultiPolygon | None) -> Polygon | MultiPolygon | N
     if not within.is_valid:
         raise ValueError(f"within is no area: {shapely.is_valid_reason(within)}")
     return within
-
-
-def require_unmasked(values: ArrayLike, name: str) -> None:
-    """ValueError for masked elements of `numpy.ma`: what stands below the mask would be taken for them."""
-    if np.ma.is_masked(values):
-        raise ValueError(
-            f"{name} are masked; a place that nobody knows, or a time, is not clear: leave it out"
-        )
 
 
 def as_places(points: ArrayLike) -> NDArray[np.float64]:

@@ -25,11 +25,11 @@ from crowdfence.planner.place_and_time import (
     MOST_STAMP_NS,
     as_area,
     as_stamps,
-    require_unmasked,
     told,
 )
 from crowdfence.planner.timed_way import earliest_way
 from crowdfence.planner.zones_met import ZonesMet
+from crowdfence.unmasked import require_unmasked
 from crowdfence.zones import Zone
 from crowdfence.zones.zone import closed_of
 
