@@ -471,6 +471,16 @@ def test_a_vehicle_that_keeps_away_from_the_fence(
     assert "acts_inside" not in told(report)
 
 
+def test_an_answer_that_is_lost_ends_no_alarm(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle(parameters={"GF_ACTION": 2, "GF_PREDICT": 0})
+    keep = keeper(vehicle, tmp_path)
+    assert [event.kind for event in keep.enforcement()] == ["acts_inside"]
+    del vehicle.parameters["GF_PREDICT"]
+    assert [event.kind for event in keep.enforcement()] == ["acts_inside"]
+    vehicle.parameters["GF_PREDICT"] = 1
+    assert keep.enforcement() == []
+
+
 def test_what_a_vehicle_does_not_know_it_is_not_asked_again(tmp_path: Path) -> None:
     vehicle = EmulatedVehicle(parameters={"GF_ACTION": 2})
     keep = keeper(vehicle, tmp_path)

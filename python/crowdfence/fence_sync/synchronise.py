@@ -124,8 +124,9 @@ class FenceKeeper:
         self.memory_path = memory_file(folder, station.vehicle)
         self._kept: VehicleMemory | None = None
         """What this one remembered last; in the file stands what anybody did."""
-        self._absent: set[str] = set()
-        """Parameters that the vehicle does not know, which every question waits for."""
+        self._rare: dict[str, float | None] = {}
+        """Parameters that not every version has, as last heard: an answer that is lost says nothing. None:
+        the vehicle does not know it, and is not asked again, which would wait every time."""
 
     def read(self) -> tuple[tuple[FenceShape, ...], tuple[FenceShape, ...]]:
         """All shapes that the vehicle holds, and those of them that are ours."""
@@ -228,10 +229,14 @@ class FenceKeeper:
         names = PARAMETERS.get(autopilot, ())
         values = station.hold(parameters(names, autopilot, station.clock, station.patience))
         if values:
-            rare = [name for name in NOT_OF_EVERY_VERSION.get(autopilot, ()) if name not in self._absent]
+            rare = [
+                name
+                for name in NOT_OF_EVERY_VERSION.get(autopilot, ())
+                if self._rare.get(name, 0.0) is not None
+            ]
             few = parameters(rare, autopilot, station.clock, station.patience, most_tries=OPTIONAL_TRIES)
-            values |= station.hold(few)
-            self._absent.update(set(rare) - values.keys())
+            self._rare = {**dict.fromkeys(rare), **self._rare, **station.hold(few)}
+            values |= {name: value for name, value in self._rare.items() if value is not None}
         return list(enforcement(station.vehicle, values))
 
     def strangers(self, *, most_tries: int = OPTIONAL_TRIES) -> list[FenceEvent]:
