@@ -20,13 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.planner.corners import MOST_CORNERS, Corners, TooManyCorners, corners_round, joined, seen
 from crowdfence.planner.open_ground import ground_round, way_over_open_ground
-from crowdfence.planner.place_and_time import (
-    MOST_PLACE_M,
-    MOST_STAMP_NS,
-    as_area,
-    as_stamps,
-    told,
-)
+from crowdfence.planner.place_and_time import MOST_PLACE_M, MOST_STAMP_NS, as_area, as_stamps, told
 from crowdfence.planner.timed_way import earliest_way
 from crowdfence.planner.zones_met import ZonesMet
 from crowdfence.unmasked import require_unmasked

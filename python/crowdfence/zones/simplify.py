@@ -72,11 +72,11 @@ def _within_budget(outline: Polygon | MultiPolygon, budget: int) -> Polygon | Mu
     import shapely
 
     parts = shapely.get_parts(outline)
-    shapes = [outline]
-    if shapely.get_num_interior_rings(parts).any():
-        shapes.append(shapely.union_all(shapely.polygons(shapely.get_exterior_ring(parts))))
-    if len(parts) > 1 and (LEAST_VERTICES * len(parts) > budget or vertex_count(outline) > MOST_CORNERS):
-        shapes = []
+    shapes = []
+    if len(parts) == 1 or (LEAST_VERTICES * len(parts) <= budget and vertex_count(outline) <= MOST_CORNERS):
+        shapes = [outline]
+        if shapely.get_num_interior_rings(parts).any():
+            shapes.append(shapely.union_all(shapely.polygons(shapely.get_exterior_ring(parts))))
     for shape in shapes:
         result = _covering(outline, _fewer(shape, np.inf, budget))
         if vertex_count(result) <= budget:

@@ -54,8 +54,8 @@ def kml(export: ZoneExport, *, multidrone: bool = False) -> str:
             _placemark(folder, zone.id, export.name_of(zone), zone, parts, export)
             continue
         for number, part in enumerate(parts, 1):
-            name = zone.id if number == 1 else f"{zone.id}.{number}"
-            _placemark(folder, name, _MULTIDRONE_NO_FLY, zone, [_without_holes(part)], export)
+            place = zone.id if number == 1 else f"{zone.id}.{number}"
+            _placemark(folder, place, _MULTIDRONE_NO_FLY, zone, [_without_holes(part)], export)
     xml.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + xml.tostring(root, encoding="unicode") + "\n"
 
@@ -77,8 +77,8 @@ def _placemark(
         _child(span, "end", rfc3339(zone.valid_until_ns, up=True))
     _child(place, "styleUrl", f"#{zone.kind}")
     data = _child(place, "ExtendedData")
-    for name, value in _told(zone).items():
-        _child(xml.SubElement(data, "Data", name=name), "value", value)
+    for key, value in _told(zone).items():
+        _child(xml.SubElement(data, "Data", name=key), "value", value)
     geometry = place if len(parts) == 1 else _child(place, "MultiGeometry")
     band = zone.band if zone.band.datum == "AGL" else export.band(zone, "AMSL")
     for part in parts:
