@@ -5,7 +5,6 @@ import json
 import resource
 import socket
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -16,6 +15,7 @@ from crowdfence import Client
 from crowdfence.service import server, stream
 from crowdfence.service.server import listen
 from support.on_the_network import on_the_network
+from support.own_loop import run_apart
 from support.served import serving
 from support.small_service import asked, message, running, settle, views
 
@@ -118,10 +118,7 @@ def test_a_step_made_for_who_comes_later_is_heard_by_who_was_there() -> None:
             task.cancel()
         return first.heard[-1], second.heard[-1]
 
-    # In a thread of its own: browser tests leave a loop running in this one.
-    with ThreadPoolExecutor(1) as thread:
-        steps = thread.submit(lambda: asyncio.run(asyncio.wait_for(heard(), 20.0))).result()
-    assert steps == ({"step": 2}, {"step": 2})
+    assert run_apart(heard()) == ({"step": 2}, {"step": 2})
 
 
 def test_a_step_that_waited_for_a_slow_listener_has_the_ages_of_its_sending(
@@ -150,8 +147,7 @@ def test_a_step_that_waited_for_a_slow_listener_has_the_ages_of_its_sending(
         serving.cancel()
         return slow.heard
 
-    with ThreadPoolExecutor(1) as thread:
-        told = thread.submit(lambda: asyncio.run(asyncio.wait_for(heard(), 20.0))).result()
+    told = run_apart(heard())
     assert told == [{"hello": 0}, {"age": 1}]
 
 
@@ -179,8 +175,7 @@ def test_a_listener_that_goes_while_a_message_arrives_is_served_no_more() -> Non
                 return len(left)
         return 0
 
-    with ThreadPoolExecutor(1) as thread:
-        assert thread.submit(lambda: asyncio.run(asyncio.wait_for(lasted(), 60.0))).result() == 0
+    assert run_apart(lasted(), within_s=60.0) == 0
 
 
 @pytest.mark.parametrize(("alerts", "is_cut_off"), [(900, False), (2001, True)])
@@ -205,8 +200,7 @@ def test_no_alert_is_left_out(alerts: int, is_cut_off: bool) -> None:
         serving.cancel()
         return one.heard[1:], closed, hub.cut_off
 
-    with ThreadPoolExecutor(1) as thread:
-        told, closed, cut_off = thread.submit(lambda: asyncio.run(asyncio.wait_for(heard(), 20.0))).result()
+    told, closed, cut_off = run_apart(heard())
     if is_cut_off:
         assert (closed, cut_off) == ([1013], 1), "it may come again, and asks for all there are"
     else:
@@ -237,8 +231,7 @@ def test_steps_that_take_long_to_make_leave_time_for_the_drones() -> None:
             hub.step(lambda _: make())  # another one every time
             await asyncio.sleep(0.02)
 
-    with ThreadPoolExecutor(1) as thread:
-        thread.submit(lambda: asyncio.run(listened())).result()
+    run_apart(listened())
     assert 2 <= len(made) <= 5
 
 
@@ -267,7 +260,7 @@ def test_whoever_connects_and_says_nothing_is_cut_off(monkeypatch: pytest.Monkey
         def data_received(self, data: bytes) -> None:
             self.transport.write(data)  # type: ignore[attr-defined]
 
-    async def asked() -> tuple[bytes, bytes]:
+    async def answered() -> tuple[bytes, bytes]:
         at = await asyncio.get_running_loop().create_server(server.impatient(Answering), "127.0.0.1", 0)
         async with at:
             place = at.sockets[0].getsockname()
@@ -278,7 +271,7 @@ def test_whoever_connects_and_says_nothing_is_cut_off(monkeypatch: pytest.Monkey
             writer.write(b"b")
             return nothing, first + await reader.read(1)
 
-    assert asyncio.run(asked()) == (b"", b"ab")
+    assert run_apart(answered()) == (b"", b"ab")
 
 
 def test_a_service_takes_more_connections_than_files_are_open_as_a_rule(tmp_path: Path) -> None:
