@@ -95,6 +95,21 @@ def test_zones_of_others_stay_while_a_vehicle_is_watched(
     assert "others.geojson: " in fence("watch", zones, "--static-zones", others, code=FAILED)
 
 
+def test_a_margin_is_closed_around_zones(fence: Any, served: UdpVehicle, tmp_path: Path) -> None:
+    """Until a multirotor of 5 m/s stands: 3 + 3 + 1 + 5 + 25 / (2 * 9.81) = 13.27 m around 20.4 x 20 m, whose
+    area is then 408 + 2 * 40.4 * 13.27 + pi * 13.27 ** 2 = 2033 m2, with at most 5 % of the distance more."""
+    served.vehicle.parameters["GF_ACTION"] = 2
+    zones, margin = (
+        written(tmp_path / "zones.geojson", square(100.0)),
+        ("--buffer", "contingency:speed_mps=5"),
+    )
+    assert json.loads(fence("push", zones, "--json"))["zone_area_m2"] == pytest.approx(408.0, rel=1e-3)
+    area_m2 = json.loads(fence("push", zones, *margin, "--json"))["zone_area_m2"]
+    assert 2033.0 <= area_m2 <= 2146.0
+    assert "stand there already" in fence("watch", zones, *margin, "--duration-s", 1.5)
+    assert "needs speed_mps=" in fence("push", zones, "--buffer", "contingency", code=FAILED)
+
+
 def test_a_run_is_pushed_as_it_was_at_an_instant(fence: Any, served: UdpVehicle, tmp_path: Path) -> None:
     """Two crowds; a second later they are one, then none."""
     drawn, sets, stamps_ns = DrawnZones((20, 10)), [], []

@@ -446,7 +446,7 @@ KEPT = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
     [
         ({"GF_ACTION": 2, "GF_PREDICT": 0}, mavlink.MAV_AUTOPILOT_PX4, "GF_PREDICT is 0", True),
         ({**KEPT, "OA_TYPE": 0}, ARDUPILOT, "OA_TYPE is 0; set 2", True),
-        (KEPT, ARDUPILOT, "close so much more around crowds", False),  # an aeroplane has no way round
+        (KEPT, ARDUPILOT, "close so much more (--buffer)", False),  # an aeroplane has no way round
     ],
 )
 def test_a_vehicle_that_halts_only_behind_the_edge_of_the_fence_is_told(

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from pyproj import Geod
 
 from crowdfence.fence_sync import ItemCapacity, ZoneSource, fence_geojson
 from crowdfence.fence_sync.fence_item import CIRCLE_EXCLUSION, POLYGON_EXCLUSION, POLYGON_INCLUSION, FenceItem
@@ -49,6 +50,35 @@ def test_a_box_is_sent_where_it_lies_also_far_from_the_middle(tmp_path: Path, sp
         low, high = own.min(axis=0), own.max(axis=0)
         assert (low <= np.array(box[:2])).all() and (low > np.array(box[:2]) - margin_deg - 1e-7).all()
         assert (high >= np.array(box[2:])).all() and (high < np.array(box[2:]) + margin_deg + 1e-7).all()
+
+
+@pytest.mark.parametrize("spread_deg", [0.001, 0.4])
+def test_a_margin_is_closed_around_all_zones(tmp_path: Path, spread_deg: float) -> None:
+    """30 m in every direction by the geodesics of PROJ, and at most a tenth more."""
+    boxes = [(8.0, 47.0, 8.0004, 47.0004)]
+    others = written(tmp_path / "others.geojson", (8.0 + spread_deg, 47.0, 8.0004 + spread_deg, 47.0004))
+    source = ZoneSource(written(tmp_path / "zones.geojson", *boxes), "last", [others], margin_m=30.0)
+    found = source.read()
+    sent = placed(found.zones, found.georeference, ItemCapacity(400)).shapes
+    closed = shapely.MultiPolygon(
+        [
+            shapely.Polygon([(item.longitude_e7 / 1e7, item.latitude_e7 / 1e7) for item in shape])
+            for shape in sent
+        ]
+    )
+
+    def within(distance_m: float) -> shapely.Geometry:
+        """Of both boxes: what lies between the places so far from their corners in all directions."""
+        hulls = []
+        for west in (8.0, 8.0 + spread_deg):
+            corners = shapely.get_coordinates(shapely.box(west, 47.0, west + 0.0004, 47.0004))
+            away_deg = np.tile(np.arange(0.0, 360.0, 2.5), len(corners))
+            east, north = np.repeat(corners, len(away_deg) // len(corners), axis=0).T
+            places = Geod(ellps="WGS84").fwd(east, north, away_deg, np.full(len(east), distance_m))[:2]
+            hulls.append(shapely.MultiPoint(np.column_stack(places)).convex_hull)
+        return shapely.union_all(hulls)
+
+    assert closed.covers(within(29.99)) and within(33.0).covers(closed)
 
 
 def test_files_that_follow_each_other_share_a_frame(tmp_path: Path) -> None:

@@ -52,6 +52,16 @@ CapacityItems = Annotated[
         "ArduPilot, less where the vehicle refuses.",
     ),
 ]
+Margin = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--buffer",
+        metavar="RULE:NAME=VALUE,...",
+        help="Close so much more around all zones, as the rules of crowdfence run: most autopilots act once "
+        "they are in the fence. contingency:speed_mps=10 is until a multirotor stands. May be repeated: the "
+        "distances are added.",
+    ),
+]
 State = Annotated[
     Path | None,
     typer.Option(
@@ -80,6 +90,7 @@ def push(
     link: Link,
     at: At = "last",
     static_zones: options.StaticZones = None,
+    buffer: Margin = None,
     system: System = None,
     capacity: CapacityItems = None,
     state: State = None,
@@ -93,8 +104,9 @@ def push(
     """
     from crowdfence.fence_sync import ZoneSource
     from crowdfence.result_folder import open_history
+    from crowdfence.zones import safety_distance_m
 
-    source = ZoneSource(zones, at, static_zones or ())
+    source = ZoneSource(zones, at, static_zones or (), safety_distance_m(buffer or []))
     if source.is_geojson:
         refuse_unused(context, ["at"], "with zones as GeoJSON, which are of one instant")
     else:
@@ -184,6 +196,7 @@ def watch(
         typer.Option("--duration-s", min=0.0, help="Stop after so long. Default: with Ctrl-C."),
     ] = None,
     static_zones: options.StaticZones = None,
+    buffer: Margin = None,
     system: System = None,
     capacity: CapacityItems = None,
     state: State = None,
@@ -196,8 +209,10 @@ def watch(
     """
     from crowdfence.fence_sync import FenceWatch, WatchPlan, ZoneSource
     from crowdfence.stop_request import StopRequest
+    from crowdfence.zones import safety_distance_m
 
-    source = ZoneSource(zones, static_zones=static_zones or ())
+    margin_m = safety_distance_m(buffer or [])
+    source = ZoneSource(zones, static_zones=static_zones or (), margin_m=margin_m)
     source.read()  # what is wrong from the beginning is refused, what becomes wrong later is an alarm
     for reason in source.left_out:
         console.warn(reason)

@@ -69,7 +69,7 @@ def _px4(values: Mapping[str, float]) -> Iterator[FenceEvent]:
         yield FenceEvent(
             "acts_inside",
             "GF_PREDICT is 0: the vehicle acts once it is in the fence, and halts 7 m behind its edge at "
-            "5 m/s, 23 m at 9 m/s; set 1",
+            "5 m/s, 23 m at 9 m/s; set 1, or close so much more (--buffer)",
             alarm=True,
         )
 
@@ -93,7 +93,7 @@ def _ardupilot_acts_inside(values: Mapping[str, float]) -> Iterator[FenceEvent]:
         yield FenceEvent(
             "acts_inside",
             "ArduPilot acts once it is in the fence, and halts 9 m behind its edge at 5 m/s, 22 m at 10 m/s: "
-            "close so much more around crowds (--buffer of a run)"
+            "close so much more (--buffer)"
             + (", or have it fly round them (OA_TYPE is 0; set 2)" if "OA_TYPE" in values else ""),
             alarm="OA_TYPE" in values,
         )

@@ -21,6 +21,7 @@ from crowdfence.static_zones.given_zone import local_zones
 from crowdfence.static_zones.plain_geojson import geojson_zones
 from crowdfence.static_zones.uas_zones import is_ed269, is_ed318
 from crowdfence.zones import MAX_ID_LENGTH, Zone
+from crowdfence.zones.grow import grown
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -44,16 +45,29 @@ class PlacedZones:
             zone for zone in self.zones if zone.valid_until_ns is None or zone.valid_until_ns > stamp_ns
         )
 
+    def with_margin(self, margin_m: float) -> PlacedZones:
+        """With all ground within a distance of them, at the heights to which it falls away from the local
+        plane."""
+        if margin_m == 0.0:
+            return self
+        return replace(self, zones=tuple(_with_margin(zone, margin_m) for zone in self.zones))
+
 
 class ZoneSource:
     """A place where zones are written, and files of others that stay closed beside them."""
 
     def __init__(
-        self, path: str | os.PathLike[str], at: str = "last", static_zones: Sequence[Path] = ()
+        self,
+        path: str | os.PathLike[str],
+        at: str = "last",
+        static_zones: Sequence[Path] = (),
+        margin_m: float = 0.0,
     ) -> None:
-        """`at` is the instant of a history; a GeoJSON file has one only. `static_zones` are read once."""
+        """`at` is the instant of a history; a GeoJSON file has one only. `static_zones` are read once.
+        `margin_m` is closed around all of them: in it a vehicle halts that acts once it is in its fence."""
         self.path = Path(path)
         self._at = at
+        self._margin_m = margin_m
         self._static = list(static_zones)
         self._others: PlacedZones | None = None
         self.left_out: list[str] = []
@@ -65,7 +79,8 @@ class ZoneSource:
         """What is there now, and the zones of others. OSError, or ValueError that names the file."""
         try:
             placed = self._read()
-            return replace(placed, zones=(*placed.zones, *self._others_beside(placed)))
+            together = replace(placed, zones=(*placed.zones, *self._others_beside(placed)))
+            return together.with_margin(self._margin_m)
         except OSError:
             self._mark = None  # what could not be read may be readable later, and be the same file
             raise
@@ -183,6 +198,19 @@ def _middle(corners: NDArray[np.float64]) -> tuple[float, float]:
     east = first + (corners[:, 0] - first + 180.0) % 360.0 - 180.0
     longitude = ((east.min() + east.max()) / 2 + 180.0) % 360.0 - 180.0
     return float((corners[:, 1].min() + corners[:, 1].max()) / 2), float(longitude)
+
+
+def _with_margin(zone: Zone, margin_m: float) -> Zone:
+    if zone.polygon.is_empty:
+        return zone
+    wider = grown(zone.polygon, margin_m)
+    (low_m, high_m), (lower_m, upper_m) = _heights(zone.polygon), _heights(wider)
+    return replace(
+        zone,
+        polygon=wider,
+        lower_m=zone.lower_m + lower_m - low_m,
+        upper_m=zone.upper_m + upper_m - high_m,
+    )
 
 
 def _heights(outline: Polygon | MultiPolygon) -> tuple[float, float]:
