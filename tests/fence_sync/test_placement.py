@@ -14,7 +14,7 @@ from crowdfence.fence_sync import ItemCapacity, StorageCapacity
 from crowdfence.fence_sync.autopilot_capacity import Capacity
 from crowdfence.fence_sync.fence_item import FenceItem, FenceShape, items_of
 from crowdfence.fence_sync.placement import float32_above, ground_of, placed
-from crowdfence.static_zones.given_zone import GivenZone, local_zones
+from crowdfence.static_zones.given_zone import GivenPolygon, GivenZone, local_zones
 from crowdfence.zones.altitude_band import DEFAULT_BAND
 from crowdfence.zones.capacity import Circle
 from support.fence_zones import HERE, box, covers, zone
@@ -153,7 +153,7 @@ def test_a_zone_of_others_far_away_is_covered_beside_one_of_ours(items: int, eas
     stood on the ground of the crowd lay 64 m beside it."""
     corners = np.array([[8.0, 46.5], [8.01, 46.5], [8.01, 46.51], [8.0, 46.51]])
     corners[:, 0] += east_deg
-    given = GivenZone("far", [corners[[0, 1, 2, 3, 0]]], DEFAULT_BAND)
+    given = GivenZone("far", [GivenPolygon([corners[[0, 1, 2, 3, 0]]])], DEFAULT_BAND)
     here = Georeference(46.5, 8.0, 1200.0)
     (far,) = local_zones([given], here, set(), [])
     near = zone(shapely.box(-10.0, -10.0, 10.0, 10.0), "Z1", (-30.0, 40.0))

@@ -135,6 +135,65 @@ def test_further_rings_of_ed269_open_nothing(tmp_path: Path) -> None:
         opened(tmp_path, ed269(horizontalProjection={"type": "Polygon", "coordinates": []}))
 
 
+def _of_parts(kind: str, parts: list[dict[str, Any]]) -> Any:
+    """One zone "Town" of a file."""
+    if kind == "ed269":
+        zone = ed269()["features"][0] | {"identifier": "Town"}
+        return {
+            "features": [
+                zone | {"geometry": [zone["geometry"][0] | {"horizontalProjection": one} for one in parts]}
+            ]
+        }
+    if kind == "kml":
+        text = "".join(
+            "<Polygon><outerBoundaryIs><LinearRing><coordinates>"
+            + " ".join(f"{east},{north}" for east, north in part["coordinates"][0])
+            + "</coordinates></LinearRing></outerBoundaryIs></Polygon>"
+            for part in parts
+        )
+        return f"<kml><Placemark><name>Town</name><MultiGeometry>{text}</MultiGeometry></Placemark></kml>"
+    if kind == "MultiPolygon":
+        geometry: dict[str, Any] = {"type": kind, "coordinates": [part["coordinates"] for part in parts]}
+    else:
+        geometry = {"type": "GeometryCollection", "geometries": parts}
+    if kind == "ed318":
+        return ed318(geometry, identifier="Town")
+    return {"type": "Feature", "id": "Town", "properties": {}, "geometry": geometry}
+
+
+@pytest.mark.parametrize("kind", ["ed269", "ed318", "kml", "MultiPolygon", "GeometryCollection"])
+def test_what_a_file_gives_as_one_zone_is_one(tmp_path: Path, kind: str) -> None:
+    """It was one of its name and, of every other part, one of a number. Parts that meet are one ground."""
+    beside, apart = ((np.array(SQUARE) + np.array([east, 0.0])).tolist() for east in (0.001, 0.005))
+    parts = [{"type": "Polygon", "coordinates": [ring]} for ring in (SQUARE, beside, apart)]
+    (zone,) = opened(tmp_path, _of_parts(kind, parts))
+    assert zone.id == "Town" and zone.name is None
+    assert len(zone.polygon.geoms) == 2 and zone.polygon.is_valid
+    square_m2 = 0.001 * DEGREE_NORTH_M * 0.001 * 76_750.0  # a degree eastward is 76.75 km there
+    assert zone.polygon.area == pytest.approx(3 * square_m2, rel=1e-3)
+
+
+def test_parts_at_other_heights_are_zones_of_their_own(tmp_path: Path) -> None:
+    """Else the lower one would close what lies between, or the upper one open it."""
+    zone = ed269()["features"][0]
+    low, high = zone["geometry"][0], zone["geometry"][0] | {"lowerLimit": 300, "upperLimit": 900}
+    zones = opened(tmp_path, {"features": [zone | {"geometry": [low, high, low]}]})
+    assert [(one.id, one.name, one.band.upper_m) for one in zones] == [
+        ("ABC1234", None, 120.0),
+        ("S1", "ABC1234", 900.0),
+    ]
+
+
+def test_a_part_that_is_far_away_leaves_the_others(tmp_path: Path) -> None:
+    far = [[60.0, 10.0], [60.1, 10.0], [60.1, 10.1], [60.0, 10.0]]
+    path = tmp_path / "zones.json"
+    path.write_text(json.dumps({"type": "MultiPolygon", "coordinates": [[SQUARE], [far], [far]]}))
+    read = open_static_zones(path, ANCHOR)
+    (zone,) = read.zones
+    assert zone.polygon.bounds[0] == pytest.approx(0.0, abs=0.01)
+    assert read.left_out == ("feature 1: lies more than 20 degrees away",)
+
+
 def test_limits_above_different_data_close_everything(tmp_path: Path) -> None:
     (zone,) = opened(tmp_path, ed269(upperLimit=6259, upperVerticalReference="AMSL"))
     assert zone.band == AltitudeBand(0.0, 99_999.0, "AGL")
@@ -453,7 +512,10 @@ BOW_TIE = [[8.0, 46.5], [8.001, 46.501], [8.001, 46.5], [8.0, 46.501], [8.0, 46.
             ed269(horizontalProjection={"type": "Circle", "center": [8, 46], "radius": 1e308}),
             "circle of 1e+308",
         ),
-        (ed269(horizontalProjection={"type": "Circle", "center": [8], "radius": 9}), "values to unpack"),
+        (
+            ed269(horizontalProjection={"type": "Circle", "center": [8], "radius": 9}),
+            "ABC1234': a corner is no longitude",
+        ),
         ("<gpx><trk/></gpx>", "it is no KML: it begins with 'gpx'"),
         ("<kml><Placemark><Polygon/></Placemark></kml>", "has no outline"),
         ("<kml>", "it is no XML"),
@@ -580,11 +642,13 @@ def test_what_no_mission_comes_to_is_told_and_so_is_a_file_without_zones(tmp_pat
 
 def test_polygons_in_collections_are_closed_and_the_rest_is_told(tmp_path: Path) -> None:
     polygon, point = {"type": "Polygon", "coordinates": [SQUARE]}, {"type": "Point", "coordinates": [8, 46]}
+    beside = {"type": "Polygon", "coordinates": [(np.array(SQUARE) + np.array([0.002, 0.0])).tolist()]}
     inner = {"type": "GeometryCollection", "geometries": [polygon, point]}
     path = tmp_path / "zones.json"
-    path.write_text(json.dumps({"type": "GeometryCollection", "geometries": [inner, polygon]}))
+    path.write_text(json.dumps({"type": "GeometryCollection", "geometries": [inner, polygon, beside]}))
     read = open_static_zones(path, ANCHOR)
-    assert len(read.zones) == 2 and read.left_out == ("feature 1: a Point closes no ground",)
+    (zone,) = read.zones
+    assert len(zone.polygon.geoms) == 2 and read.left_out == ("feature 1: a Point closes no ground",)
 
 
 def test_landing_sites_of_ours_close_nothing(tmp_path: Path) -> None:

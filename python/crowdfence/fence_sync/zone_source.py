@@ -138,8 +138,7 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
         given = list(geojson_zones(document, left_out))
         if left_out:
             raise ValueError(left_out[0])
-        centres = ([one.centre] for one in given if one.centre is not None)
-        corners = np.vstack([np.empty((0, 2)), *(ring for one in given for ring in one.rings), *centres])
+        corners = np.vstack([np.empty((0, 2)), *(one.places for one in given)])
         # Beyond the antimeridian some go on counting.
         wrong = ~(np.isfinite(corners) & (np.abs(corners) <= (360.0, 90.0))).all(axis=1)
         if wrong.any():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import TYPE_CHECKING
 
@@ -48,17 +48,31 @@ _OURS = "ZUO"
 
 
 @dataclass(frozen=True, slots=True)
-class GivenZone:
-    """One area in longitude and latitude with its band of heights."""
-
-    name: str
+class GivenPolygon:
     rings: Sequence[NDArray[np.float64]]
     """Corners (longitude, latitude) [C, 2] of the outline, then of its holes."""
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Of its outline, which may be empty."""
+        return self.rings[0] if self.rings else np.empty((0, 2))
+
+
+@dataclass(frozen=True, slots=True)
+class GivenCircle:
+    places: NDArray[np.float64]
+    """Longitude and latitude of its centre [1, 2]."""
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class GivenZone:
+    """Areas in longitude and latitude with the band of heights that all of them have."""
+
+    name: str
+    parts: Sequence[GivenPolygon | GivenCircle]
     band: AltitudeBand
     restriction: Restriction = "prohibited"
-    centre: tuple[float, float] | None = None
-    """Longitude and latitude of a circle, which has no rings."""
-    radius_m: float = 0.0
     title: str = ""
     """What people call it, where the name is a code."""
 
@@ -66,6 +80,20 @@ class GivenZone:
         """Names of others as everybody can read them."""
         object.__setattr__(self, "name", legible(self.name))
         object.__setattr__(self, "title", legible(self.title))
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Longitude and latitude [C, 2] of all corners and centres."""
+        return np.vstack([np.empty((0, 2)), *(part.places for part in self.parts)])
+
+
+def in_one(drawn: Iterable[GivenZone]) -> Iterator[GivenZone]:
+    """What a file gives as one zone, by its bands of heights: one, where all of it has the same."""
+    by_band: dict[AltitudeBand, list[GivenZone]] = {}
+    for one in drawn:
+        by_band.setdefault(one.band, []).append(one)
+    for together in by_band.values():
+        yield replace(together[0], parts=[part for one in together for part in one.parts])
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,15 +112,19 @@ def local_zones(
     a number; `taken` receives the ids, `left_out` what is too far away, and that all of it is where exchanged
     coordinates would be near. ValueError for an outline that is empty, crosses itself in the area of the
     mission, is not finite or reaches round the Earth."""
+    import shapely
+
     zones = []
     numbers = count(1)
     exchanged = 0
     for one in given:
         exchanged += _would_be_near_exchanged(one, georeference)
-        polygon = _circle(one, georeference) if one.centre is not None else _polygon(one, georeference)
-        if isinstance(polygon, str):
-            left_out.append(f"{one.name}: {polygon}")
+        outlines = [_outline(one.name, part, georeference) for part in one.parts]
+        left_out += dict.fromkeys(f"{one.name}: {why}" for why in outlines if isinstance(why, str))
+        kept = [outline for outline in outlines if not isinstance(outline, str)]
+        if not kept:
             continue
+        polygon = kept[0] if len(kept) == 1 else shapely.union_all(kept)
         id = _free_id(one.name, taken, numbers)
         taken.add(id)
         called = one.title or one.name
@@ -112,8 +144,7 @@ def local_zones(
 
 def _would_be_near_exchanged(given: GivenZone, georeference: Georeference) -> bool:
     """Whether a corner would lie near the anchor if its latitude were its longitude."""
-    corners = given.rings[0] if given.rings else ring_of([] if given.centre is None else [given.centre])
-    away_deg = np.abs(corners - (georeference.latitude_deg, georeference.longitude_deg))
+    away_deg = np.abs(given.places - (georeference.latitude_deg, georeference.longitude_deg))
     return bool((away_deg < _NEAR_DEG).all(axis=1).any())
 
 
@@ -156,14 +187,20 @@ def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     return ring if len(ring) == 0 or (ring[0] == ring[-1]).all() else np.vstack([ring, ring[:1]])
 
 
-def _polygon(given: GivenZone, georeference: Georeference) -> Polygon | str:
+def _outline(name: str, part: GivenPolygon | GivenCircle, georeference: Georeference) -> Polygon | str:
     """Or why it is left out."""
+    if isinstance(part, GivenCircle):
+        return _around_circle(name, part, georeference)
+    return _polygon(name, part.rings, georeference)
+
+
+def _polygon(name: str, given: Sequence[NDArray[np.float64]], georeference: Georeference) -> Polygon | str:
     import shapely
 
-    rings = [_closed(ring) for ring in given.rings]
+    rings = [_closed(ring) for ring in given]
     if not rings or any(len(ring) < 4 or not np.isfinite(ring).all() for ring in rings):
-        raise ValueError(f"zone {given.name!r} has no outline of at least three corners")
-    _check_places(given.name, rings[0])
+        raise ValueError(f"zone {name!r} has no outline of at least three corners")
+    _check_places(name, rings[0])
     outline = _beside(rings[0], georeference.longitude_deg)
     middle_deg = float(outline[:, 0].min() + outline[:, 0].max()) / 2.0
     unwrapped = [outline, *(_beside(ring, middle_deg) for ring in rings[1:])]
@@ -176,32 +213,29 @@ def _polygon(given: GivenZone, georeference: Georeference) -> Polygon | str:
         if min(_away_deg(place, georeference) for place in nearest) > _NEAR_DEG:
             return f"{why}, and it lies more than {_NEAR_DEG:g} degree away"
         raise ValueError(
-            f"zone {given.name!r}: {why}; mend its outline where it was drawn, or take it out of the file"
+            f"zone {name!r}: {why}; mend its outline where it was drawn, or take it out of the file"
         )
     if shape.distance(shapely.Point(anchor)) > _FAR_DEG:
         return _IS_FAR
     if abs(unwrapped[0] - anchor).max() > _MAX_REACH_DEG:
-        raise ValueError(
-            f"zone {given.name!r} reaches {_MAX_REACH_DEG:g} degrees away: no local plane holds it"
-        )
+        raise ValueError(f"zone {name!r} reaches {_MAX_REACH_DEG:g} degrees away: no local plane holds it")
     dense = shapely.segmentize(shape, _MAX_EDGE_DEG)
     return shapely.transform(dense, lambda corners: _local(corners, georeference))
 
 
-def _circle(given: GivenZone, georeference: Georeference) -> Polygon | str:
-    """Around the circle, not in it; or why it is left out."""
+def _around_circle(name: str, circle: GivenCircle, georeference: Georeference) -> Polygon | str:
+    """Not in it."""
     import shapely
 
-    assert given.centre is not None
-    centre = ring_of([given.centre])
-    if not (0.0 < given.radius_m < _MAX_RADIUS_M and np.isfinite(centre).all()):
-        raise ValueError(f"zone {given.name!r} is a circle of {given.radius_m:g} m")
-    _check_places(given.name, centre)
-    if _away_deg(centre[0], georeference) - np.rad2deg(given.radius_m / SMALLEST_EARTH_RADIUS_M) > _FAR_DEG:
+    centre = circle.places
+    if not (0.0 < circle.radius_m < _MAX_RADIUS_M and np.isfinite(centre).all()):
+        raise ValueError(f"zone {name!r} is a circle of {circle.radius_m:g} m")
+    _check_places(name, centre)
+    if _away_deg(centre[0], georeference) - np.rad2deg(circle.radius_m / SMALLEST_EARTH_RADIUS_M) > _FAR_DEG:
         return _IS_FAR
     middle = _local(centre, georeference)[0]
     angle = 2 * np.pi * np.arange(_CIRCLE_CORNERS) / _CIRCLE_CORNERS
-    reach_m = _HIGHER_GROUND * given.radius_m / np.cos(np.pi / _CIRCLE_CORNERS)
+    reach_m = _HIGHER_GROUND * circle.radius_m / np.cos(np.pi / _CIRCLE_CORNERS)
     return shapely.Polygon(middle + reach_m * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 from xml.etree import ElementTree as xml
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.errors import quoted
-from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenZone, ring_of
+from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenPolygon, GivenZone, ring_of
 from crowdfence.zones import AltitudeBand
 
 _LINES = ("LineString", "LinearRing")
@@ -48,25 +48,29 @@ def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
                 if _tag(line) in _LINES and id(line) not in in_polygons
             ]
         placed.update(map(id, polygons))
-        for polygon in polygons:
-            yield from _zones_of(polygon, name)
+        if polygons:
+            yield _zone(polygons, name)
     # Where no Placemark is around them, as in old files that call theirs otherwise.
     for polygon in root.iter():
         if _tag(polygon) == "Polygon" and id(polygon) not in placed:
-            yield from _zones_of(polygon, "")
+            yield _zone([polygon], "")
 
 
-def _zones_of(polygon: Any, name: str) -> Iterator[GivenZone]:
+def _zone(polygons: Iterable[Any], name: str) -> GivenZone:
+    parts = [part for polygon in polygons for part in _parts_of(polygon, name)]
+    return GivenZone(name, parts, AltitudeBand(0.0, NO_CEILING_M, "AGL"))
+
+
+def _parts_of(polygon: Any, name: str) -> Iterator[GivenPolygon]:
     """One, or one for each outer ring where there are several: what is a hole of which is not known then."""
-    band = AltitudeBand(0.0, NO_CEILING_M, "AGL")
     outer = [ring for rings in _rings_of(polygon, "outerBoundaryIs", name) for ring in rings]
     if len(outer) > 1:
         for ring in outer:
-            yield GivenZone(name, [ring], band)
+            yield GivenPolygon([ring])
     else:
         # A hole has one ring; of more, the others open nothing.
         holes = [ring for rings in _rings_of(polygon, "innerBoundaryIs", name) for ring in rings[:1]]
-        yield GivenZone(name, [*outer, *holes], band)
+        yield GivenPolygon([*outer, *holes])
 
 
 def _rings_of(polygon: Any, boundary: str, name: str) -> list[list[NDArray[np.float64]]]:

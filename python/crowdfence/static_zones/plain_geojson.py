@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from crowdfence.datum import datum_doubt, wgs84_from
 from crowdfence.errors import quoted
 from crowdfence.sources.layers import LANDING_SITE
-from crowdfence.static_zones.given_zone import GivenZone, band_of, naming, ring_of
+from crowdfence.static_zones.given_zone import GivenCircle, GivenPolygon, GivenZone, band_of, naming, ring_of
 
 if TYPE_CHECKING:
     from pyproj import Transformer
@@ -64,29 +64,30 @@ def _zones_of(
     crs: str | None,
     left_out: list[str],
 ) -> Iterator[GivenZone]:
-    polygons: list[Any] = []
-    circles: list[tuple[Any, float]] = []
+    parts: list[GivenPolygon | GivenCircle] = []
     said_before = len(left_out)
     for geometry in _geometries(drawn):
         kind = geometry and geometry["type"]
         if kind == "Point" and (radius := _radius_of(geometry, properties)) is not None:
-            circles.append((geometry["coordinates"], float(radius)))
+            centre = _in_wgs84(ring_of([geometry["coordinates"]]), crs)
+            parts.append(GivenCircle(centre, float(radius)))
             continue
         if kind not in ("Polygon", "MultiPolygon"):
             left_out.append(f"{name}: a {kind} closes no ground")
             continue
         shapes = geometry["coordinates"]
-        polygons += [shapes] if kind == "Polygon" else shapes
-    if not polygons and not circles and len(left_out) == said_before:
-        left_out.append(f"{name}: no polygon, closes no ground")
+        parts += [
+            GivenPolygon([_in_wgs84(ring_of(ring), crs) for ring in rings])
+            for rings in ([shapes] if kind == "Polygon" else shapes)
+        ]
+    if not parts:
+        if len(left_out) == said_before:
+            left_out.append(f"{name}: no polygon, closes no ground")
+        return
     datum = properties.get("datum", "AGL")
     limits = properties.get("lower_m"), properties.get("upper_m")
     band = band_of(name, limits, "m", (datum, datum))
-    for centre, radius_m in circles:
-        place = _in_wgs84(ring_of([centre]), crs)[0]
-        yield GivenZone(name, [], band, centre=(place[0], place[1]), radius_m=radius_m, title=title)
-    for rings in polygons:
-        yield GivenZone(name, [_in_wgs84(ring_of(ring), crs) for ring in rings], band, title=title)
+    yield GivenZone(name, parts, band, title=title)
 
 
 def _radius_of(point: Mapping[str, Any], properties: Mapping[str, Any]) -> Any:

@@ -15,7 +15,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from crowdfence.static_zones.given_zone import GivenZone, band_of, metres, naming, ring_of
+from crowdfence.static_zones.given_zone import (
+    GivenCircle,
+    GivenPolygon,
+    GivenZone,
+    band_of,
+    in_one,
+    metres,
+    naming,
+    ring_of,
+)
 
 OPEN_TYPES = ("NO_RESTRICTION", "USPACE")
 """What does not keep anybody out by itself."""
@@ -50,7 +59,8 @@ def ed318_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
             elif feature["geometry"] is None:
                 left_out.append(f"{name}: no geometry, closes no ground")
             else:
-                yield from _layered(name, _text(properties.get("name")), feature["geometry"], left_out)
+                title = _text(properties.get("name"))
+                yield from in_one(_layered(name, title, feature["geometry"], left_out))
 
 
 def _text(name: Any) -> str:
@@ -75,14 +85,15 @@ def _layered(name: str, title: str, geometry: Mapping[str, Any], left_out: list[
         (layer.get("lowerReference", "AGL"), layer.get("upperReference", "AGL")),
     )
     if geometry["type"] == "Point":
-        longitude, latitude = geometry["coordinates"][:2]
-        radius_m = float(geometry["extent"]["radius"])
-        yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m, title=title)
-    elif geometry["type"] == "Polygon":
-        yield GivenZone(name, [ring_of(ring) for ring in geometry["coordinates"]], band, title=title)
-    elif geometry["type"] == "MultiPolygon":
-        for rings in geometry["coordinates"]:
-            yield GivenZone(name, [ring_of(ring) for ring in rings], band, title=title)
+        circle = GivenCircle(ring_of([geometry["coordinates"]]), float(geometry["extent"]["radius"]))
+        yield GivenZone(name, [circle], band, title=title)
+    elif geometry["type"] in ("Polygon", "MultiPolygon"):
+        shapes = geometry["coordinates"]
+        parts = [
+            GivenPolygon([ring_of(ring) for ring in rings])
+            for rings in ([shapes] if geometry["type"] == "Polygon" else shapes)
+        ]
+        yield GivenZone(name, parts, band, title=title)
     else:
         raise ValueError(f"zone {name!r} has a {geometry['type']}, which closes no ground")
 
@@ -97,11 +108,10 @@ def ed269_zones(document: Mapping[str, Any], left_out: list[str]) -> Iterator[Gi
                 continue
             if not zone["geometry"]:
                 left_out.append(f"{name}: no geometry, closes no ground")
-            for geometry in zone["geometry"]:
-                yield from _volume(name, title, geometry)
+            yield from in_one(_volume(name, title, geometry) for geometry in zone["geometry"])
 
 
-def _volume(name: str, title: str, geometry: Mapping[str, Any]) -> Iterator[GivenZone]:
+def _volume(name: str, title: str, geometry: Mapping[str, Any]) -> GivenZone:
     unit = geometry["uomDimensions"]
     band = band_of(
         name,
@@ -111,10 +121,8 @@ def _volume(name: str, title: str, geometry: Mapping[str, Any]) -> Iterator[Give
     )
     projection = geometry["horizontalProjection"]
     if projection["type"] == "Circle":
-        longitude, latitude = projection["center"][:2]
         radius = float(projection["radius"] or 0.0)
-        radius_m = max(radius, metres(radius, unit) or 0.0)
-        yield GivenZone(name, [], band, centre=(longitude, latitude), radius_m=radius_m, title=title)
-    else:
-        for ring in projection["coordinates"] or [[]]:
-            yield GivenZone(name, [ring_of(ring)], band, title=title)
+        circle = GivenCircle(ring_of([projection["center"]]), max(radius, metres(radius, unit) or 0.0))
+        return GivenZone(name, [circle], band, title=title)
+    rings = projection["coordinates"] or [[]]
+    return GivenZone(name, [GivenPolygon([ring_of(ring)]) for ring in rings], band, title=title)
