@@ -484,9 +484,19 @@ def test_an_answer_that_is_lost_ends_no_alarm(tmp_path: Path) -> None:
 def test_what_a_vehicle_does_not_know_it_is_not_asked_again(tmp_path: Path) -> None:
     vehicle = EmulatedVehicle(parameters={"GF_ACTION": 2})
     keep = keeper(vehicle, tmp_path)
-    assert keep.enforcement() == []
+    for _ in range(3):
+        assert keep.enforcement() == []
     vehicle.parameters["GF_PREDICT"] = 0  # as if it knew it: nobody asks
     assert keep.enforcement() == []
+
+
+def test_a_vehicle_whose_first_answers_are_lost_is_asked_again(tmp_path: Path) -> None:
+    """It was taken for one that does not know the parameter, and the alarm never came."""
+    vehicle = EmulatedVehicle(parameters={"GF_ACTION": 2})
+    keep = keeper(vehicle, tmp_path)
+    assert keep.enforcement() == keep.enforcement() == []
+    vehicle.parameters["GF_PREDICT"] = 0
+    assert [event.kind for event in keep.enforcement()] == ["acts_inside"]
 
 
 @pytest.mark.parametrize(

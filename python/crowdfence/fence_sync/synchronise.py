@@ -6,6 +6,7 @@ PX4 does not: `vehicle_memory`); and no list is replaced before it is known what
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,6 +62,8 @@ _LONG_S = 1.0
 """After which what was read is read again before it is replaced: in it somebody else may have written."""
 _REFUSALS = 12
 """Each asks for a quarter less: 12 lead from 63 items to 1."""
+_SILENCES = 3
+"""After which a vehicle does not know a parameter: to ask again would wait every time."""
 _PAUSE_S = 0.3
 """In which an answer that comes twice has come."""
 _WARNING = 4
@@ -124,9 +127,10 @@ class FenceKeeper:
         self.memory_path = memory_file(folder, station.vehicle)
         self._kept: VehicleMemory | None = None
         """What this one remembered last; in the file stands what anybody did."""
-        self._rare: dict[str, float | None] = {}
-        """Parameters that not every version has, as last heard: an answer that is lost says nothing. None:
-        the vehicle does not know it, and is not asked again, which would wait every time."""
+        self._rare: dict[str, float] = {}
+        """Parameters that not every version has, as last heard: an answer that is lost says nothing."""
+        self._unheard: Counter[str] = Counter()
+        """How often the vehicle was silent when it was asked for one of them."""
 
     def read(self) -> tuple[tuple[FenceShape, ...], tuple[FenceShape, ...]]:
         """All shapes that the vehicle holds, and those of them that are ours."""
@@ -232,11 +236,12 @@ class FenceKeeper:
             rare = [
                 name
                 for name in NOT_OF_EVERY_VERSION.get(autopilot, ())
-                if self._rare.get(name, 0.0) is not None
+                if name in self._rare or self._unheard[name] < _SILENCES
             ]
             few = parameters(rare, autopilot, station.clock, station.patience, most_tries=OPTIONAL_TRIES)
-            self._rare = {**dict.fromkeys(rare), **self._rare, **station.hold(few)}
-            values |= {name: value for name, value in self._rare.items() if value is not None}
+            self._rare |= (heard := station.hold(few))
+            self._unheard.update(name for name in rare if name not in heard)
+            values |= self._rare
         return list(enforcement(station.vehicle, values))
 
     def strangers(self, *, most_tries: int = OPTIONAL_TRIES) -> list[FenceEvent]:
