@@ -446,6 +446,8 @@ KEPT = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
     [
         ({"GF_ACTION": 2, "GF_PREDICT": 0}, mavlink.MAV_AUTOPILOT_PX4, "GF_PREDICT is 0", True),
         ({**KEPT, "OA_TYPE": 0}, ARDUPILOT, "OA_TYPE is 0; set 2", True),
+        ({**KEPT, "OA_TYPE": 2, "GUID_OPTIONS": 3}, ARDUPILOT, "GUID_OPTIONS is 3", True),
+        ({**KEPT, "OA_TYPE": 2, "GUID_OPTIONS": 3}, ARDUPILOT, "set 67,", True),
         (KEPT, ARDUPILOT, "close so much more (--buffer)", False),  # an aeroplane has no way round
     ],
 )
@@ -461,7 +463,8 @@ def test_a_vehicle_that_halts_only_behind_the_edge_of_the_fence_is_told(
     [
         ({"GF_ACTION": 2, "GF_PREDICT": 1}, mavlink.MAV_AUTOPILOT_PX4),
         ({"GF_ACTION": 2}, mavlink.MAV_AUTOPILOT_PX4),  # v1.12 predicts, and has no parameter for it
-        ({**KEPT, "OA_TYPE": 2}, ARDUPILOT),
+        ({**KEPT, "OA_TYPE": 2, "GUID_OPTIONS": 65}, ARDUPILOT),
+        ({**KEPT, "OA_TYPE": 2}, ARDUPILOT),  # not known: what could be said is in the documentation
     ],
 )
 def test_a_vehicle_that_keeps_away_from_the_fence(

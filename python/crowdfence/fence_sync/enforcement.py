@@ -14,6 +14,8 @@ TERMINATE = 4
 _PX4_MILD = {0: "none", 1: "warn"}
 _POLYGONS_BIT = 4
 """Of FENCE_TYPE: polygons and circles."""
+_ROUND_IN_GUIDED_BIT = 64
+"""Of GUID_OPTIONS: a target is flown to by way points, as those of a mission."""
 
 PARAMETERS: Mapping[int, tuple[str, ...]] = {
     Autopilot.PX4: ("GF_ACTION",),
@@ -21,7 +23,7 @@ PARAMETERS: Mapping[int, tuple[str, ...]] = {
 }
 NOT_OF_EVERY_VERSION: Mapping[int, tuple[str, ...]] = {
     Autopilot.PX4: ("GF_PREDICT",),
-    Autopilot.ARDUPILOT: ("OA_TYPE",),
+    Autopilot.ARDUPILOT: ("OA_TYPE", "GUID_OPTIONS"),
 }
 
 
@@ -89,6 +91,7 @@ def _ardupilot(values: Mapping[str, float]) -> Iterator[FenceEvent]:
 
 
 def _ardupilot_acts_inside(values: Mapping[str, float]) -> Iterator[FenceEvent]:
+    guided = round(values.get("GUID_OPTIONS", _ROUND_IN_GUIDED_BIT))
     if values.get("OA_TYPE", 0.0) == 0.0:
         yield FenceEvent(
             "acts_inside",
@@ -96,6 +99,14 @@ def _ardupilot_acts_inside(values: Mapping[str, float]) -> Iterator[FenceEvent]:
             "close so much more (--buffer)"
             + (", or have it fly round them (OA_TYPE is 0; set 2)" if "OA_TYPE" in values else ""),
             alarm="OA_TYPE" in values,
+        )
+    elif not guided & _ROUND_IN_GUIDED_BIT:
+        yield FenceEvent(
+            "acts_inside",
+            f"GUID_OPTIONS is {guided}: missions are flown round the fence, a target in GUIDED is not, and the "
+            "vehicle halts 9 m behind the edge at 5 m/s, 22 m at 10 m/s; set "
+            f"{guided | _ROUND_IN_GUIDED_BIT}, or close so much more (--buffer)",
+            alarm=True,
         )
 
 
