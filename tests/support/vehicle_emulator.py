@@ -112,6 +112,8 @@ class EmulatedVehicle:
         """What it says by itself."""
         if self.mute:
             return
+        if now_s < self._beat_s:  # another link, whose clock begins anew
+            self._beat_s = self._begun_s = self._asked_s = -math.inf
         if now_s - self._beat_s >= 1.0:
             self._beat_s = now_s
             mode = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0

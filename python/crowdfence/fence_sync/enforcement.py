@@ -103,8 +103,8 @@ def _ardupilot_acts_inside(values: Mapping[str, float]) -> Iterator[FenceEvent]:
     elif not guided & _ROUND_IN_GUIDED_BIT:
         yield FenceEvent(
             "acts_inside",
-            f"GUID_OPTIONS is {guided}: missions are flown round the fence, a target in GUIDED is not, and the "
-            "vehicle halts 9 m behind the edge at 5 m/s, 22 m at 10 m/s; set "
+            f"GUID_OPTIONS is {guided}: missions are flown round the fence, a target in GUIDED is not: it "
+            "halts 9 m behind the edge at 5 m/s, 22 m at 10 m/s; set "
             f"{guided | _ROUND_IN_GUIDED_BIT}, or close so much more (--buffer)",
             alarm=True,
         )
