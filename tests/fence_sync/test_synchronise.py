@@ -39,6 +39,7 @@ from support.vehicle_emulator import (
 
 FAR = [box(100.0, 100.0), box(200.0, -50.0, name="Z2")]
 THEIRS = polygon((47.41, 8.55), (47.41, 8.56), (47.42, 8.56), command=POLYGONS[0])
+KEPT = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
 
 
 def told(report: FenceReport) -> dict[str, str]:
@@ -413,6 +414,35 @@ def test_a_vehicle_on_ground_that_is_closed_for_nothing_is_told_so(tmp_path: Pat
     assert "in the fence, beside the zones" in told(report)["vehicle_inside"]
 
 
+def behind(**more: Any) -> EmulatedVehicle:
+    """One that flies 200 m north of its home."""
+    return EmulatedVehicle(position=(47.3977 + 200.0 / 111_190, 8.5456), home=(47.3977, 8.5456), **more)
+
+
+def test_a_vehicle_whose_way_home_crosses_a_zone_is_told(tmp_path: Path) -> None:
+    """A return with an empty battery held above the crowd, in simulation."""
+    between = [box(-10.0, 80.0, name="Z7")]
+    report = keeper(behind(), tmp_path).put(between, HERE)
+    assert alarms(report) == ["way_home_closed"]
+    assert "crosses the fence of zone Z7" in told(report)["way_home_closed"]
+    # As near as positions are off, and 3 m beside the way.
+    assert alarms(keeper(behind(), tmp_path / "near").put([box(1.5, 80.0)], HERE)) == ["way_home_closed"]
+    assert alarms(keeper(behind(), tmp_path / "beside").put([box(3.0, 80.0)], HERE)) == []
+    # It stands, and home is set where it takes off; or it has no way home but out of the zone.
+    assert alarms(keeper(behind(armed=False), tmp_path / "down").put(between, HERE)) == []
+    assert alarms(keeper(behind(), tmp_path / "in").put([box(-10.0, 195.0)], HERE)) == ["vehicle_inside"]
+
+
+@pytest.mark.parametrize(("oa_type", "crosses"), [(0, True), (2, False)])
+def test_an_arducopter_that_flies_round_its_fence_has_a_way_home(
+    tmp_path: Path, oa_type: int, crosses: bool
+) -> None:
+    parameters = {**KEPT, "OA_TYPE": oa_type, "GUID_OPTIONS": 64}
+    vehicle = behind(autopilot=ARDUPILOT, parameters=parameters)
+    report = keeper(vehicle, tmp_path).put([box(-10.0, 80.0)], HERE)
+    assert ("way_home_closed" in alarms(report)) is crosses
+
+
 def test_a_vehicle_that_does_not_know_where_it_is(tmp_path: Path) -> None:
     report = keeper(EmulatedVehicle(position=None, home=None), tmp_path).put(FAR, HERE)
     assert alarms(report) == ["position_unknown"] and "home_unknown" in told(report)
@@ -436,9 +466,6 @@ def test_a_fence_that_will_not_be_kept_is_an_alarm(
     report = keeper(vehicle, tmp_path).put(FAR, HERE)
     assert words in told(report)["not_enforced"] and alarms(report) == ["not_enforced"]
     assert covers(vehicle, FAR)
-
-
-KEPT = {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_ACTION": 1}
 
 
 @pytest.mark.parametrize(

@@ -359,6 +359,16 @@ def test_a_home_that_is_set_in_the_fence_is_an_alarm(tmp_path: Path) -> None:
     assert watched.run(8.0) == ["home_inside"]
 
 
+def test_a_zone_between_a_vehicle_and_its_home_is_an_alarm_until_it_is_round_it(tmp_path: Path) -> None:
+    """The zone begins 100 m north of where the vehicle took off, and is 20 m wide."""
+    watched = Watched(tmp_path)
+    watched.run(3.0)
+    watched.vehicle.position = (47.3977 + 200.0 / 111_190, 8.5457)
+    assert watched.run(8.0) == ["way_home_closed"]
+    watched.vehicle.position = (47.3977 + 50.0 / 111_190, 8.5457)
+    assert watched.run(8.0) == [] and watched.watch.alarms == ()
+
+
 def test_a_check_that_failed_is_over_when_the_next_one_does_not(tmp_path: Path) -> None:
     """It stayed an alarm until zones changed, and the next one like it was not told."""
     watched = Watched(tmp_path, check_s=5.0)

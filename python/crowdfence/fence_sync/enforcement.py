@@ -90,9 +90,14 @@ def _ardupilot(values: Mapping[str, float]) -> Iterator[FenceEvent]:
         yield _not_enforced("FENCE_ACTION is 0 (report only): the vehicle flies through the fence; set 1")
 
 
+def flies_round(values: Mapping[str, float]) -> bool:
+    """Whether missions and returns are flown round the fence: only ArduCopter can."""
+    return values.get("OA_TYPE", 0.0) != 0.0
+
+
 def _ardupilot_acts_inside(values: Mapping[str, float]) -> Iterator[FenceEvent]:
     guided = round(values.get("GUID_OPTIONS", _ROUND_IN_GUIDED_BIT))
-    if values.get("OA_TYPE", 0.0) == 0.0:
+    if not flies_round(values):
         yield FenceEvent(
             "acts_inside",
             "ArduPilot acts once it is in the fence, and halts 9 m behind its edge at 5 m/s, 22 m at 10 m/s: "

@@ -19,6 +19,7 @@ EventKind = Literal[
     "home_inside",
     "position_unknown",
     "home_unknown",
+    "way_home_closed",
     "not_enforced",
     "acts_inside",
     "autopilot_unknown",

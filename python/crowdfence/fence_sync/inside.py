@@ -1,14 +1,17 @@
-"""Is the vehicle, or its home, in what its fence closes?
+"""Is the vehicle, its home, or the way between them in what its fence closes?
 
 Then the fence is taken and not kept: PX4 drops every shape that holds the vehicle or its home (v1.12 with a
 line in its log only, newer ones with a text), and a vehicle in the middle of a zone stays there. ArduPilot
 keeps it: a vehicle in it has breached it and does at once what FENCE_ACTION says, also above the crowd.
+
+A return, as of an empty battery or a lost link, flies straight home, and in a fence that it crosses each does
+what it does in any: PX4 holds on the edge, an ArduPilot that brakes above what was closed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +25,9 @@ from crowdfence.georeference import Georeference
 from crowdfence.planner.way_out import way_out
 from crowdfence.zones import Zone
 
+if TYPE_CHECKING:
+    from shapely import LineString, Point
+
 POSITION_ERROR_M = 2.0
 """A vehicle this near to a shape may be in it."""
 CLEARANCE_M = 15.0
@@ -29,9 +35,17 @@ CLEARANCE_M = 15.0
 
 
 def inside(
-    vehicle: Vehicle, shapes: Sequence[FenceShape], zones: Sequence[Zone], georeference: Georeference
+    vehicle: Vehicle,
+    shapes: Sequence[FenceShape],
+    zones: Sequence[Zone],
+    georeference: Georeference,
+    *,
+    returns_round: bool = False,
 ) -> Iterator[FenceEvent]:
-    """Alarms, for all exclusion shapes that the vehicle holds. Heights do not count: a fence has none."""
+    """Alarms, for all exclusion shapes that the vehicle holds. Heights do not count: a fence has none.
+    `returns_round`: its way home is not straight but round them."""
+    import shapely
+
     closed = _closed(shapes, georeference)
     if not closed:
         return
@@ -51,11 +65,32 @@ def inside(
     elif (place := _within(vehicle.home, closed, georeference)) is not None:
         yield FenceEvent(
             "home_inside",
-            f"home lies in the fence{_of_zone(place, zones)}: "
+            f"home lies in the fence{_of_zone(shapely.Point(place), zones)}: "
             + ("" if _keeps_it(vehicle) else "PX4 drops that part of the fence, and ")
             + "a return leads into it; move home or land elsewhere",
             alarm=True,
         )
+    elif vehicle.armed and not returns_round and vehicle.position is not None:
+        yield from _way_home(vehicle.position, vehicle.home, closed, zones, georeference)
+
+
+def _way_home(
+    position: Position, home: Home, closed: Sequence[Any], zones: Sequence[Zone], georeference: Georeference
+) -> Iterator[FenceEvent]:
+    import shapely
+
+    here, there = _local(position, georeference), _local(home, georeference)
+    in_it = _within(position, closed, georeference) is not None
+    way = shapely.LineString([here, there])
+    if in_it or shapely.distance(np.array(closed, dtype=object), way).min() > POSITION_ERROR_M:
+        return
+    yield FenceEvent(
+        "way_home_closed",
+        f"the straight way home crosses the fence{_of_zone(way, zones)}: a return, as of an empty battery or "
+        "a lost link, flies into it, and holds there or goes on through it; come back round it while you "
+        "can, or set home or a rally point on this side",
+        alarm=True,
+    )
 
 
 def is_closed(place: Position, shapes: Sequence[FenceShape], georeference: Georeference) -> bool:
@@ -75,10 +110,15 @@ def _within(
     """The place [2] in local metres where it is in something, else None."""
     import shapely
 
-    local = georeference.local_from_geodetic(where.latitude_deg, where.longitude_deg, georeference.height_m)
-    place = local[0, :2]
+    place = _local(where, georeference)
     nearest_m = shapely.distance(np.array(closed, dtype=object), shapely.Point(place)).min()
     return place if nearest_m <= POSITION_ERROR_M else None
+
+
+def _local(where: Position | Home, georeference: Georeference) -> NDArray[np.float64]:
+    """[2], in metres."""
+    local = georeference.local_from_geodetic(where.latitude_deg, where.longitude_deg, georeference.height_m)
+    return local[0, :2]
 
 
 def _vehicle_inside(
@@ -88,6 +128,8 @@ def _vehicle_inside(
     zones: Sequence[Zone],
     georeference: Georeference,
 ) -> FenceEvent:
+    import shapely
+
     clear = way_out(place, closed, CLEARANCE_M)
     latitude, longitude, _ = georeference.geodetic_from_local([[*clear, 0.0]])
     distance_m = float(np.hypot(*(clear - place)))
@@ -103,7 +145,7 @@ def _vehicle_inside(
         becomes = "a breach: ArduPilot does at once what FENCE_ACTION says, which may be to land there"
     return FenceEvent(
         "vehicle_inside",
-        f"the vehicle is in the fence{_of_zone(place, zones)}, {becomes}; {advice}",
+        f"the vehicle is in the fence{_of_zone(shapely.Point(place), zones)}, {becomes}; {advice}",
         alarm=True,
         details={
             "suggestion": "evacuate" if vehicle.armed else "stay_down",
@@ -120,10 +162,7 @@ def _keeps_it(vehicle: Vehicle) -> bool:
     return vehicle.autopilot == Autopilot.ARDUPILOT
 
 
-def _of_zone(place: NDArray[np.float64], zones: Sequence[Zone]) -> str:
+def _of_zone(place: Point | LineString, zones: Sequence[Zone]) -> str:
     """Which zone that is; a fence of few items also closes ground between zones."""
-    import shapely
-
-    point = shapely.Point(place)
-    names = [zone.id for zone in zones if zone.polygon.distance(point) <= POSITION_ERROR_M]
+    names = [zone.id for zone in zones if zone.polygon.distance(place) <= POSITION_ERROR_M]
     return f" of zone {', '.join(names)}" if names else ", beside the zones"

@@ -14,7 +14,7 @@ from typing import Any
 
 from crowdfence.atomic_file import writable_folder
 from crowdfence.fence_sync.autopilot_capacity import Capacity, StorageCapacity, usual_capacity
-from crowdfence.fence_sync.enforcement import NOT_OF_EVERY_VERSION, PARAMETERS, enforcement
+from crowdfence.fence_sync.enforcement import NOT_OF_EVERY_VERSION, PARAMETERS, enforcement, flies_round
 from crowdfence.fence_sync.fence_error import FenceError, Silence
 from crowdfence.fence_sync.fence_event import FenceEvent
 from crowdfence.fence_sync.fence_item import (
@@ -191,7 +191,7 @@ class FenceKeeper:
         written |= was_sent
         station.listen(TEXTS_S if written else 0.0)
         events += _of_texts(station.vehicle.texts)
-        events += inside(station.vehicle, shapes_of(held), zones, georeference)
+        events += self._places(shapes_of(held), zones, georeference)
         events += _of_fence(fence, zones, written)
         return FenceReport(tuple(shapes_of(held)), now_ours, written, fence, str(capacity), tuple(events))
 
@@ -222,9 +222,15 @@ class FenceKeeper:
     def whereabouts(
         self, shapes: Sequence[FenceShape], zones: Sequence[Zone], georeference: Georeference
     ) -> Iterator[FenceEvent]:
-        """Whether the vehicle or its home is in what it holds, now."""
+        """Whether the vehicle, its home or its way home is in what it holds, now."""
         self._find_position()
-        yield from inside(self.station.vehicle, shapes, zones, georeference)
+        yield from self._places(shapes, zones, georeference)
+
+    def _places(
+        self, shapes: Sequence[FenceShape], zones: Sequence[Zone], georeference: Georeference
+    ) -> Iterator[FenceEvent]:
+        returns_round = flies_round(self._rare)
+        return inside(self.station.vehicle, shapes, zones, georeference, returns_round=returns_round)
 
     def enforcement(self) -> list[FenceEvent]:
         """What the vehicle will not do at its fence. FenceError as of `enforcement`."""

@@ -32,7 +32,7 @@ ENDED_S = 10.0
 REOPEN_S = (1.0, 30.0)
 """From a link that broke to the next try to open it, doubled every time, and the longest of them."""
 
-_PLACES = ("vehicle_inside", "home_inside", "position_unknown", "home_unknown")
+_PLACES = ("vehicle_inside", "home_inside", "position_unknown", "home_unknown", "way_home_closed")
 _LASTING = (
     *_PLACES,
     "not_enforced",
