@@ -117,6 +117,7 @@ class Watched:
         west_deg: float = 8.5456,
         step_deg: float = 5e-4,
         side_deg: tuple[float, float] = (2.7e-4, 1.8e-4),
+        begun_ns: int | None = None,
         **properties: object,
     ) -> None:
         features = []
@@ -130,7 +131,8 @@ class Watched:
                 {"type": "Feature", "id": f"Z{i}", "geometry": geometry, "properties": properties}
             )
         new = self.path.with_suffix(".new")
-        new.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+        head = {} if begun_ns is None else {"crowdfence": {"first_instant_ns": begun_ns}}
+        new.write_text(json.dumps({"type": "FeatureCollection", **head, "features": features}))
         new.replace(self.path)
 
     def run(self, duration_s: float) -> list[str]:
@@ -357,6 +359,21 @@ def test_a_home_that_is_set_in_the_fence_is_an_alarm(tmp_path: Path) -> None:
     watched.run(3.0)
     watched.vehicle.home = (47.3977 + 110.0 / 111_190, 8.5457)
     assert watched.run(8.0) == ["home_inside"]
+
+
+def test_zones_of_another_mission_are_an_alarm_because_those_of_before_open(tmp_path: Path) -> None:
+    """As of a service that was started anew with another folder: nobody has seen those crowds leave."""
+    watched = Watched(tmp_path, opening_s=0.0, interval_s=0.0)
+    watched.write(north_m=100.0, begun_ns=1_700_000_000_000_000_000)
+    watched.run(3.0)
+    watched.write(north_m=110.0, begun_ns=1_700_000_000_000_000_000)
+    assert "another_mission" not in watched.run(3.0)
+    watched.write(north_m=110.0, count=0, begun_ns=1_700_003_600_000_000_000)
+    assert watched.run(3.0) == ["another_mission", "written"]
+    assert watched.said[0].alarm and "which began 2023-11-14T23:13:20" in watched.said[0].text
+    assert "its 1 zones closed opens" in watched.said[0].text
+    watched.write(north_m=110.0)  # a file that does not say when it began
+    assert "another_mission" not in watched.run(3.0)
 
 
 def test_a_zone_between_a_vehicle_and_its_home_is_an_alarm_until_it_is_round_it(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from crowdfence.config import ZoneConfig
 from crowdfence.exports.geographic_outline import geographic_outline
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.sites_geojson import write_sites
-from crowdfence.fence_sync.zone_source import read_geojson
+from crowdfence.fence_sync.zone_source import placed_geojson
 from crowdfence.static_zones import StaticZoneError, open_static_zones, read_static_zones
 from crowdfence.zones import AltitudeBand, Zone, ZoneEngine
 from crowdfence.zones.given_ground import on_ground
@@ -659,7 +659,7 @@ def test_landing_sites_of_ours_close_nothing(tmp_path: Path) -> None:
     read = open_static_zones(path, ANCHOR)
     assert read.zones == () and read.left_out == ("S1: a landing site of ours, which closes nothing",)
     with pytest.raises(StaticZoneError, match="S1: a landing site of ours, which closes nothing"):
-        read_geojson(path)
+        placed_geojson(path.read_bytes(), path.name)
 
 
 def test_a_mark_of_the_byte_order_before_a_kml_is_no_part_of_it(tmp_path: Path) -> None:

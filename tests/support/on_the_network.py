@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Thread
+from typing import Any
 
 import uvicorn
 
@@ -13,9 +14,9 @@ from crowdfence.service.service import Service
 
 
 @contextmanager
-def on_the_network(service: Service) -> Iterator[str]:
+def on_the_network(service: Service, port: int = 0, **how: Any) -> Iterator[str]:
     """Its address."""
-    config = uvicorn.Config(make_app(service), port=0, log_config=None, ws_ping_interval=None)
+    config = uvicorn.Config(make_app(service, **how), port=port, log_config=None, ws_ping_interval=None)
     server, listening = uvicorn.Server(config), listen(config)
     thread = Thread(target=server.run, args=([listening],), daemon=True)
     thread.start()

@@ -19,7 +19,7 @@ from crowdfence.cli.export import At
 from crowdfence.cli.unused_options import refuse_unused
 
 if TYPE_CHECKING:
-    from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceReport
+    from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceReport, ZoneSource
 
 
 app = typer.Typer(
@@ -29,7 +29,25 @@ app = typer.Typer(
 )
 
 Zones = Annotated[
-    Path, typer.Argument(help="Folder that `crowdfence run` wrote, its zone history, or zones as GeoJSON.")
+    str,
+    typer.Argument(
+        help="Folder that `crowdfence run` wrote, its zone history, zones as GeoJSON, or the address of a "
+        "live service (http://HOST:PORT)."
+    ),
+]
+Token = Annotated[
+    str | None,
+    typer.Option(
+        "--token",
+        envvar="CROWDFENCE_TOKEN",
+        show_envvar=False,
+        help="That of a viewer of the service; better in CROWDFENCE_TOKEN, because others of this machine "
+        "can read a command line.",
+    ),
+]
+Ca = Annotated[
+    Path | None,
+    typer.Option("--ca", help="PEM file of the service's certificate, where no authority vouches for it."),
 ]
 Link = Annotated[
     str,
@@ -91,6 +109,8 @@ def push(
     at: At = "last",
     static_zones: options.StaticZones = None,
     buffer: Margin = None,
+    token: Token = None,
+    ca: Ca = None,
     system: System = None,
     capacity: CapacityItems = None,
     state: State = None,
@@ -102,13 +122,11 @@ def push(
     The whole list is replaced, read back and compared; shapes of others stay in it. The vehicle keeps the
     fence that it had on any failure.
     """
-    from crowdfence.fence_sync import ZoneSource
     from crowdfence.result_folder import open_history
-    from crowdfence.zones import safety_distance_m
 
-    source = ZoneSource(zones, at, static_zones or (), safety_distance_m(buffer or []))
-    if source.is_geojson:
-        refuse_unused(context, ["at"], "with zones as GeoJSON, which are of one instant")
+    source = _source(context, zones, at, static_zones, buffer, token, ca)
+    if source.is_of_one_instant:
+        refuse_unused(context, ["at"], "with zones of one instant, as those of GeoJSON or a service")
     else:
         asked_stamp(at, open_history(zones))
     wanted = source.read()
@@ -172,6 +190,7 @@ def clear(
 
 @app.command("watch")
 def watch(
+    context: typer.Context,
     zones: Zones,
     link: Link,
     opening_s: Annotated[
@@ -197,6 +216,8 @@ def watch(
     ] = None,
     static_zones: options.StaticZones = None,
     buffer: Margin = None,
+    token: Token = None,
+    ca: Ca = None,
     system: System = None,
     capacity: CapacityItems = None,
     state: State = None,
@@ -207,12 +228,10 @@ def watch(
 
     New ground is closed at once, ground opens after a while. --json prints an event a line.
     """
-    from crowdfence.fence_sync import FenceWatch, WatchPlan, ZoneSource
+    from crowdfence.fence_sync import FenceWatch, WatchPlan
     from crowdfence.stop_request import StopRequest
-    from crowdfence.zones import safety_distance_m
 
-    margin_m = safety_distance_m(buffer or [])
-    source = ZoneSource(zones, static_zones=static_zones or (), margin_m=margin_m)
+    source = _source(context, zones, "last", static_zones, buffer, token, ca)
     source.read()  # what is wrong from the beginning is refused, what becomes wrong later is an alarm
     for reason in source.left_out:
         console.warn(reason)
@@ -228,6 +247,24 @@ def watch(
             console.stderr().print("stopped; the vehicle keeps its fence")
     if watching.alarms:
         raise typer.Exit(GATE_NOT_MET)
+
+
+def _source(
+    context: typer.Context,
+    zones: str,
+    at: str,
+    static_zones: list[Path] | None,
+    buffer: list[str] | None,
+    token: str | None,
+    ca: Path | None,
+) -> ZoneSource:
+    from crowdfence.fence_sync import ServiceZones, ZoneSource, is_address
+    from crowdfence.zones import safety_distance_m
+
+    if not is_address(zones):
+        refuse_unused(context, ["token", "ca"], "with zones that are no address of a service")
+    place = ServiceZones(zones, token=token, ca=ca) if is_address(zones) else zones
+    return ZoneSource(place, at, static_zones or (), safety_distance_m(buffer or []))
 
 
 @contextmanager

@@ -9,7 +9,7 @@
 - `enforcement` `inside`                what the autopilot will not do with them
 - `vehicle_memory`      which shapes are ours
 - `synchronise`         all of these: a vehicle's fence made equal to the zones
-- `zone_source` `debounce` `watch`      zones that change
+- `zone_source` `service_zones` `debounce` `watch`      zones that change
 - `fence_geojson`       a fence as a file
 """
 
@@ -19,6 +19,7 @@ from crowdfence.fence_sync.fence_error import FenceError
 from crowdfence.fence_sync.fence_event import FenceEvent
 from crowdfence.fence_sync.fence_geojson import fence_geojson
 from crowdfence.fence_sync.ground_station import GroundStation
+from crowdfence.fence_sync.service_zones import ServiceZones, is_address
 from crowdfence.fence_sync.synchronise import FenceKeeper, FenceReport
 from crowdfence.fence_sync.transport import open_transport
 from crowdfence.fence_sync.watch import FenceWatch, WatchPlan
@@ -34,9 +35,11 @@ __all__ = [
     "ItemCapacity",
     "Patience",
     "PlacedZones",
+    "ServiceZones",
     "StorageCapacity",
     "WatchPlan",
     "ZoneSource",
     "fence_geojson",
+    "is_address",
     "open_transport",
 ]

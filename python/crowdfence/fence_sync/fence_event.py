@@ -29,6 +29,7 @@ EventKind = Literal[
     "zones_unreadable",
     "zones_stale",
     "zones_ended",
+    "another_mission",
     "failed",
     "link_lost",
     "link_back",

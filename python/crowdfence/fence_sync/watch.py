@@ -162,8 +162,11 @@ class FenceWatch:
                 unread = FenceEvent("zones_unreadable", f"{reason}; the last fence stays", alarm=True)
                 self._say_while(("zones_unreadable",), [unread])
             else:
-                if self._placed is not None and placed.georeference != self._placed.georeference:
-                    self._debounce = self._new_debounce()  # another mission, in another local frame
+                if self._placed is not None:
+                    if placed.georeference != self._placed.georeference:
+                        self._debounce = self._new_debounce()  # another mission, in another local frame
+                    for event in _of_another_mission(self._placed, placed):
+                        self._tell(event)
                 self._placed, self._read_s, self._alive = placed, now_s, None
                 self._say_while(("zones_unreadable",), [])
                 self._say_while(("zones_ended",), self._ended(placed) if self._plan.expires else [])
@@ -262,6 +265,24 @@ class FenceWatch:
         return suggestion != told.details["suggestion"] or (
             suggestion == "evacuate" and is_closed(place, self._shapes, self._placed.georeference)
         )
+
+
+def _of_another_mission(before: PlacedZones, now: PlacedZones) -> Iterator[FenceEvent]:
+    """Whether what was closed is told no more because nobody asks for it any more: a service that was started
+    with another folder has seen nobody yet."""
+    if before.zones and None not in (before.begun_ns, now.begun_ns) and before.begun_ns != now.begun_ns:
+        yield FenceEvent(
+            "another_mission",
+            f"the zones are those of another mission, which began {_utc(now)}; of the one before, of "
+            f"{_utc(before)}, nobody tells any more: what its {len(before.zones)} zones closed opens where "
+            "none of the new ones is",
+            alarm=True,
+        )
+
+
+def _utc(placed: PlacedZones) -> str:
+    assert placed.begun_ns is not None
+    return iso_utc(placed.begun_ns)
 
 
 def _keys(shapes: Iterable[FenceShape]) -> list[object]:

@@ -1,4 +1,5 @@
-"""Zones of a run's folder, its zone history or a GeoJSON file, and whether they have changed since."""
+"""Zones of a run's folder, its zone history, a GeoJSON file or a live service, and whether they have changed
+since."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.fence_sync.fence_error import FenceError
+from crowdfence.fence_sync.service_zones import ServiceZones
 from crowdfence.georeference import Georeference
 from crowdfence.result_folder import HISTORY, open_history, stamp_of
 from crowdfence.static_zones import StaticZoneError, read_static_zones
@@ -26,6 +28,7 @@ from crowdfence.zones.grow import grown
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
+_GEOJSON = (".geojson", ".json")
 MOST_APART_M = 50_000.0
 """From the anchor: beyond, a plane is no map."""
 _LEAST_EARTH_M, _MOST_EARTH_M = 6_335_000.0, 6_400_000.0
@@ -38,6 +41,8 @@ class PlacedZones:
 
     zones: tuple[Zone, ...]
     georeference: Georeference
+    begun_ns: int | None = None
+    """The first instant of the mission that they are of, where it is told."""
 
     def at(self, stamp_ns: int) -> tuple[Zone, ...]:
         """Without those that ended before a stamp by themselves."""
@@ -58,14 +63,14 @@ class ZoneSource:
 
     def __init__(
         self,
-        path: str | os.PathLike[str],
+        place: str | os.PathLike[str] | ServiceZones,
         at: str = "last",
         static_zones: Sequence[Path] = (),
         margin_m: float = 0.0,
     ) -> None:
-        """`at` is the instant of a history; a GeoJSON file has one only. `static_zones` are read once.
+        """`at` is the instant of a history; others have one only. `static_zones` are read once.
         `margin_m` is closed around all of them: in it a vehicle halts that acts once it is in its fence."""
-        self.path = Path(path)
+        self._place = place if isinstance(place, ServiceZones) else Path(place)
         self._at = at
         self._margin_m = margin_m
         self._static = list(static_zones)
@@ -94,41 +99,58 @@ class ZoneSource:
         return self._others.zones
 
     def _read(self) -> PlacedZones:
-        self._mark = self._stat()
-        file = self._file()
-        if self.is_geojson:
-            placed = read_geojson(file, self._anchor)
-            self._anchor = placed.georeference
-            return placed
-        history = open_history(self.path)
+        if isinstance(self._place, ServiceZones):
+            return self._anchored(self._place.read(), self._place.url)
+        self._mark = self._stat(self._place)
+        if self.is_of_one_instant:
+            file = _file(self._place)
+            return self._anchored(file.read_bytes(), str(file))
+        history = open_history(self._place)
         if history.georeference is None:
-            raise FenceError(f"{self.path}: the run has no place on Earth, so its zones cannot be sent")
-        return PlacedZones(history.at(stamp_of(self._at, history)).closed, history.georeference)
+            raise FenceError(f"{self._place}: the run has no place on Earth, so its zones cannot be sent")
+        zones = history.at(stamp_of(self._at, history)).closed
+        return PlacedZones(zones, history.georeference, history.stamps_ns[0])
+
+    def _anchored(self, data: bytes, name: str) -> PlacedZones:
+        """In one local frame as long as that is near."""
+        placed = placed_geojson(data, name, self._anchor)
+        self._anchor = placed.georeference
+        return placed
 
     @property
-    def is_geojson(self) -> bool:
-        return self._file().suffix.lower() in (".geojson", ".json")
+    def is_of_one_instant(self) -> bool:
+        """Not a history: GeoJSON."""
+        return isinstance(self._place, ServiceZones) or _file(self._place).suffix.lower() in _GEOJSON
 
     def has_changed(self) -> bool:
-        """Whether it was written since it was read. A file that is away while it is replaced has not."""
-        return (mark := self._stat()) is not None and mark != self._mark
+        """Whether it was written since it was read. A file that is away while it is replaced has not; a
+        service that does not answer any more has."""
+        if isinstance(self._place, ServiceZones):
+            return self._place.has_changed()
+        return (mark := self._stat(self._place)) is not None and mark != self._mark
 
-    def _file(self) -> Path:
-        return self.path / HISTORY if self.path.is_dir() else self.path
+    def close(self) -> None:
+        if isinstance(self._place, ServiceZones):
+            self._place.close()
 
-    def _stat(self) -> tuple[int, ...] | None:
+    @staticmethod
+    def _stat(path: Path) -> tuple[int, ...] | None:
         try:
-            state = self._file().stat()
+            state = _file(path).stat()
         except OSError:
             return None
         return state.st_mtime_ns, state.st_ino, state.st_size
 
 
-def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
-    """The polygons of a file, in the local frame of an anchor that is near, else in one around their middle.
-    StaticZoneError names what is wrong."""
+def _file(path: Path) -> Path:
+    return path / HISTORY if path.is_dir() else path
+
+
+def placed_geojson(data: bytes, name: str, anchor: Georeference | None = None) -> PlacedZones:
+    """The polygons of GeoJSON, in the local frame of an anchor that is near, else in one around their middle.
+    StaticZoneError names what is wrong, and `name`."""
     try:
-        document = json.loads(path.read_bytes())
+        document = json.loads(data)
         if not isinstance(document, dict):
             raise ValueError("it holds no JSON object with zones")
         for is_other, other in ((is_ed318, "ED-318"), (is_ed269, "ED-269")):
@@ -146,6 +168,7 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
             raise ValueError(f"a corner is no longitude and latitude: {longitude:g}, {latitude:g}")
         anchor = _near(corners, anchor)
         ends = _ends(document.get("features", ()))
+        begun_ns = _first_instant(document)
         zones = []
         for one in given:
             (zone,) = local_zones([one], anchor, set(), [])
@@ -160,11 +183,18 @@ def read_geojson(path: Path, anchor: Georeference | None = None) -> PlacedZones:
                 )
             )
     except RecursionError as error:
-        raise StaticZoneError(f"{path}: it is nested too deeply") from error
+        raise StaticZoneError(f"{name}: it is nested too deeply") from error
     except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise StaticZoneError(f"{path}: {what}") from error
-    return PlacedZones(tuple(zones), anchor)
+        raise StaticZoneError(f"{name}: {what}") from error
+    return PlacedZones(tuple(zones), anchor, begun_ns)
+
+
+def _first_instant(document: Mapping[str, Any]) -> int | None:
+    """As files of ours tell it."""
+    told = document.get("crowdfence")
+    first_ns = told.get("first_instant_ns") if isinstance(told, dict) else None
+    return None if first_ns is None else int(first_ns)
 
 
 def _ends(features: Sequence[Mapping[str, Any]]) -> dict[str, int | None]:
