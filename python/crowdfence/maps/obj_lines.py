@@ -24,19 +24,22 @@ from crowdfence.maps.polygons import MOST_CORNERS, fans_from_second, triangles_o
 _INDENTED = (b"\n ", b"\n\t", b"\nf\t", b"\nv\t")
 _TEXTURE_AND_NORMAL = re.compile(rb"/\S*")
 _CONTINUED = (b"\\\n", b"\\\r")
+_UNREAD = (b"fo ", b"call ", b"surf ", b"bzp ", b"bsp ", b"cdp ")
+"""Outlined faces of old, other files and free-form surfaces, which the parser leaves out."""
 
 
 def plain_obj(path: Path, data: bytes) -> bytes:
     """`data` with vertices and faces that begin their lines, with positive indices, with triangles for faces
     of five corners and more, and with quads whose notch is at the first corner or the third, so that a fan
     covers them; the same bytes where they are so already, which costs 2 s for 100 MB.
-    MapError names a line with a face of fewer than three corners or too many, or an index that is none;
-    whether a positive one exists, the parser finds out."""
+    MapError names a line with a surface of another kind, a face of fewer than three corners or too many, or
+    an index that is none; whether a positive one exists, the parser finds out."""
     data = data.removeprefix(BOM_UTF8)
     lines = data.splitlines()
     unlike = any(mark in data for mark in (*_INDENTED, *_CONTINUED)) or data[:1] in (b" ", b"\t")
     if unlike:
         lines = _joined([_unindented(line) for line in lines])
+    _require_read(path, lines)
     faces = [line for line in lines if line.startswith(b"f ")]
     together = b"\n".join(faces)
     with_slash = sum(b"/" in line for line in faces)
@@ -52,6 +55,17 @@ def plain_obj(path: Path, data: bytes) -> bytes:
         _make_plain(path, lines, places)
     turned = 5 in words and _turn_quads(lines, places)
     return data if is_plain and not turned and not unlike else b"\n".join(lines)
+
+
+def _require_read(path: Path, lines: list[bytes]) -> None:
+    for number, line in enumerate(lines, start=1):
+        if line.startswith(_UNREAD):
+            kind = line.split()[0].decode()
+            raise MapError(
+                path,
+                f"line {number} is a {kind!r}, a surface that cannot be read, and what it hides would be "
+                "called seen: write it as triangles (f), as a modelling program does that opens and saves it",
+            )
 
 
 def _unindented(line: bytes) -> bytes:
