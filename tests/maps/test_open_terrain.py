@@ -115,6 +115,27 @@ def test_an_option_that_is_no_number_is_refused_by_its_name(tmp_path, name, valu
     )
 
 
+@pytest.mark.parametrize(
+    ("origin", "shown"),
+    [
+        (5, "5"),
+        ([5], r"\[5\]"),
+        ("1,2,3", "'1,2,3'"),
+        ([1, 2, None], r"\[1, 2, None\]"),
+        ([0, 0, math.inf], ".*"),
+    ],
+)
+@pytest.mark.parametrize("name", ["one.bt", "one.obj"])
+def test_an_origin_that_is_not_three_numbers_is_refused(tmp_path, name, origin, shown):
+    """A single number moved a mesh to the east, to the north and up."""
+    path = tmp_path / name
+    path.write_bytes(ONE_VOXEL if name == "one.bt" else b"v 0 0 0\nv 4 0 0\nv 4 4 0\nf 1 2 3\n")
+    with pytest.raises(MapError, match=rf"origin is {shown}; it must be three numbers"):
+        open_terrain(path, origin=origin)
+    moved = open_terrain(path, origin=np.array([10.0, 20.0, 30.0]))
+    np.testing.assert_allclose(moved.bounds[0], [10, 20, 30], atol=0.3)
+
+
 def test_importing_the_readers_imports_no_heavy_package():
     code = (
         "import sys, crowdfence.maps, crowdfence.georeference;"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import signature
 from numbers import Integral, Real
@@ -11,7 +12,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from crowdfence.errors import one_line
+import numpy as np
+
+from crowdfence.errors import one_line, quoted
 from crowdfence.maps.holes import MapHoles
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.map_reading import MapReading
@@ -85,6 +88,7 @@ def read_map(
     reader = _reader(suffix)
     _require_options(path, reader, options)
     _require_numbers(path, reader, {"voxel_size_m": voxel_size_m, **options})
+    _require_origin(path, options.get("origin"))
     with _naming(path):
         require_voxel_size(voxel_size_m)
         return reader(path, voxel_size_m=voxel_size_m, georeference=georeference, **options)
@@ -111,6 +115,24 @@ def _require_numbers(path: Path, reader: Callable[..., MapReading], options: Map
             raise MapError(path, f"{name} is {value!r}; it must be a number")
         if takes.startswith("int") and not isinstance(value, Integral):
             raise MapError(path, f"{name} is {value!r}; it must be a whole number")
+
+
+def _require_origin(path: Path, origin: object) -> None:
+    """One number would be added to every coordinate, heights too."""
+    if origin is None:
+        return
+    shown = origin.tolist() if isinstance(origin, np.ndarray) else origin
+    values = shown if isinstance(shown, Sequence) and not isinstance(shown, str) else ()
+    if len(values) != 3 or not all(_is_finite(value) for value in values):
+        raise MapError(
+            path,
+            f"origin is {quoted(shown)}; it must be three numbers, metres to the east, to the north and up, "
+            "such as [120.5, -40, 3]",
+        )
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def stated_place(path: str | PathLike[str], *, crs: str | int | CRS | None = None) -> Place:
