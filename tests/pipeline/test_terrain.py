@@ -8,6 +8,8 @@ import json
 import re
 import subprocess
 import sys
+import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -260,6 +262,26 @@ def test_maps_without_a_place_need_no_relation(recording: Path, tmp_path: Path) 
             assert open_terrain(source, path, assume_local=local).georeference is None
         placed = open_terrain(source, path, georeference=Georeference(*ORIGIN))
         assert placed.georeference == Georeference(*ORIGIN)
+
+
+def test_a_map_without_a_place_below_a_flight_that_has_one_is_told(tmp_path: Path) -> None:
+    """A photogrammetric mesh counts from somewhere in its model, a film or bag from its first position: by
+    the zero of the one taken for that of the other, crowds were put anywhere, and nothing said so."""
+    keys = ("latitude_deg", "longitude_deg", "height_m")
+    knowing = write_recording(tmp_path / "knowing", georeference=dict(zip(keys, ORIGIN, strict=True)))
+    mesh, local = tmp_path / "plain.obj", write_octomap(tmp_path / "local.bt", None)
+    mesh.write_text("v 0 0 0\nv 20 0 0\nv 20 20 0\nf 1 2 3\n")
+    source = open_recording(knowing)
+    for path in (mesh, local):
+        with pytest.warns(UserWarning, match=rf"{path.name} does not say where on Earth .*46.5000000, 8.0"):
+            open_terrain(source, path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        open_terrain(source, mesh, origin=(0.0, 0.0, 0.0))  # who says so knows
+        open_terrain(source, write_dem(tmp_path / "dem.tif"))
+        came_along = replace(source, terrain=local)
+        open_terrain(came_along)
+        open_terrain(came_along, local)
 
 
 def test_local_metres_of_a_map_without_reference_system_are_stated_not_guessed(

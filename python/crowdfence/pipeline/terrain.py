@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,8 @@ def open_terrain(
     - height models (.tif .tiff): `band` (1 = first), `nodata`, `max_hole_m2`: smaller holes are bridged
     - lidar points (.las .laz): `surface` ("ground", "all"), `max_hole_m`: wider gaps stay holes
     - meshes (.ply .obj): `up` ("z", "y"), `unit_m`; these and OctoMaps (.bt .ot): `origin` (east, north, up),
-      metres added to coordinates
+      metres added to coordinates; without it, that their (0, 0, 0) is that of a recording with a place on
+      Earth is doubtful
 
     ValueError when there is no map, a georeferenced map meets a recording without georeference and neither of
     the two is given, one contradicts what the files say, or an option does not belong to the map's kind. What
@@ -77,7 +79,9 @@ def read_map(
     if chosen is None:
         raise ValueError(f"{recording.name} comes without a map; give one with --terrain")
     anchor = _anchor(recording, georeference)
-    return _related(Path(chosen), f"the recording {recording.name}", anchor, assume_local, options)
+    reading = _related(Path(chosen), f"the recording {recording.name}", anchor, assume_local, options)
+    doubts = () if "origin" in options else _place_doubt(Path(chosen), recording)
+    return replace(reading, doubts=(*reading.doubts, *doubts))
 
 
 def read_map_for_live_views(
@@ -129,6 +133,22 @@ def _require_relation(who: str, path: Path, anchor: Georeference | None, assume_
             path,
             f"has a place on Earth, and so has {who}: assume_local contradicts that; leave it out",
         )
+
+
+def _place_doubt(path: Path, recording: Recording) -> tuple[str, ...]:
+    """One sentence where a map in a frame that nobody placed is put below a recording that is on Earth. The
+    anchor of most is their first position, which no map of others counts from; the map that came with a
+    recording does."""
+    at = recording.georeference
+    came_along = recording.terrain is not None and path.resolve() == recording.terrain.resolve()
+    if at is None or came_along or stated_place(path) != "local":
+        return ()
+    return (
+        f"{path.name} does not say where on Earth it lies: its (0, 0, 0) is taken to be that of the "
+        f"recording, {at.latitude_deg:.7f}, {at.longitude_deg:.7f}, {at.height_m:g} m above the ellipsoid. "
+        "If it is elsewhere, all zones are in the wrong place: say where it is from there, in metres, with "
+        "--terrain-option origin=[EAST,NORTH,UP]",
+    )
 
 
 def check_overlap(recording: Recording, terrain: Terrain, max_range_m: float) -> None:
