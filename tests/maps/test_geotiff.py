@@ -463,6 +463,33 @@ def test_longitudes_that_go_on_beyond_the_date_line_place_the_map(tmp_path, west
     assert len(columns_of(terrain)[0]) * terrain.voxel_size_m**2 == pytest.approx(42.6 * 33.2, rel=0.03)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("crs", ["EPSG:3857", "EPSG:3395"])
+def test_a_projected_map_goes_on_across_the_date_line(tmp_path, crs, side):
+    """The half beyond it was no part of the map, and nothing said so: crowds there were nowhere."""
+    # x of the 180th meridian is pi times 6378137 m. A metre of Mercator is cos(16.8) = 0.957 m there.
+    line = side * math.pi * 6_378_137.0
+    _, y = pyproj.Transformer.from_crs(4326, crs, always_xy=True).transform(0.0, -16.8)
+    transform = from_origin(line - 20.0, y, 1.0, 1.0)
+    rise = np.tile(np.arange(40.0) * 0.5 + 20.0, (30, 1))
+    terrain = open_terrain(write_tif(tmp_path / "a.tif", rise, crs, transform), voxel_size_m=1.0)
+    assert abs(terrain.georeference.longitude_deg) == pytest.approx(180.0, abs=1e-6)
+    np.testing.assert_allclose(terrain.bounds[:, 0], [-19.1, 19.1], atol=1.01)
+    plan, z = columns_of(terrain)
+    assert len(plan) == pytest.approx(38.3 * 28.6, rel=0.05)
+    # From 19.75 m at its western edge half a metre a pixel; the anchor stands at 20 m.
+    inner = np.abs(plan[:, 0]) < 18.0
+    np.testing.assert_allclose(z[inner], 9.75 + plan[inner, 0] / 0.957 * 0.5, atol=0.6)
+
+
+def test_a_map_beyond_the_edge_of_its_projection_is_refused(tmp_path):
+    # In this one the 180th meridian is a curve, and beyond it x begins anew by another way in every row.
+    x, y = pyproj.Transformer.from_crs(4326, "ESRI:54008", always_xy=True).transform(179.9999, -16.8)
+    path = write_tif(tmp_path / "a.tif", np.full((30, 400), 20.0), "ESRI:54008", from_origin(x, y, 1.0, 1.0))
+    with pytest.raises(MapError, match="beyond the edge of its reference system 'World_Sinusoidal'"):
+        open_terrain(path, georeference=Georeference(-16.8, 180.0, 0.0))
+
+
 def test_bands(tmp_path):
     two = write_tif(
         tmp_path / "two.tif",

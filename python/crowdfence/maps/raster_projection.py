@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,12 +25,14 @@ NEAR_POLE_DEG = 85.0
 @dataclass(frozen=True, slots=True)
 class RasterProjection:
     """`height_range`: lowest and highest height as written in the file. `source_from_pixel`: affine transform
-    from continuous pixel coordinates (column, row) to x, y of `frame`."""
+    from continuous pixel coordinates (column, row) to x, y of `frame`. `turn`: how far x goes once around the
+    Earth, where the raster may cross the line that it begins at anew."""
 
     raster: HeightRaster
     frame: SourceFrame
     height_range: tuple[float, float]
     source_from_pixel: Any
+    turn: float | None = None
 
     @staticmethod
     def of(
@@ -60,7 +62,8 @@ class RasterProjection:
         frame = source_frame(
             crs, georeference, rules, metres_per_height, centre=centre, lowest=height_range[0]
         )
-        return RasterProjection(raster, frame, height_range, transform)
+        projection = RasterProjection(raster, frame, height_range, transform)
+        return replace(projection, turn=projection._turn())
 
     @property
     def bends(self) -> bool:
@@ -69,14 +72,38 @@ class RasterProjection:
         return bool(crs and crs.is_geographic and anchor and abs(anchor.latitude_deg) > NEAR_POLE_DEG)
 
     def source_from_local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Local metres [N, 3] -> (x, y, height) [N, 3]; longitudes continue across the date line."""
+        """Local metres [N, 3] -> (x, y, height) [N, 3]; longitudes continue across the date line, and so does
+        what a cylindrical projection makes of them."""
         source = self.frame.source_from_local(points)
-        if self.frame.crs is not None and self.frame.crs.is_geographic:
-            turn = 2 * math.pi / float(self.frame.crs.axis_info[0].unit_conversion_factor)
+        if self.turn is not None:
             middle = _applied(self.source_from_pixel, self.raster.width / 2, self.raster.height / 2)
-            west = middle[0] - turn / 2
-            source[:, 0] = west + (source[:, 0] - west) % turn
+            west = middle[0] - self.turn / 2
+            source[:, 0] = west + (source[:, 0] - west) % self.turn
         return source
+
+    def _turn(self) -> float | None:
+        """`turn`, by what comes back of the outline from local metres where it is projected. ValueError where
+        that is neither the same place nor one a turn away: the map would end there, in silence."""
+        crs = self.frame.crs
+        if crs is None:
+            return None
+        if crs.is_geographic:
+            return 2 * math.pi / float(crs.axis_info[0].unit_conversion_factor)
+        column, row = self._outline()
+        x, _ = _applied(self.source_from_pixel, column, row)
+        back = self.frame.source_from_local(self._local_from_pixel(column, row, self.height_range[0]))
+        leap = back[:, 0] - x
+        turn = float(np.abs(leap).max())
+        # A leap is longer than any raster; by what coarse transformations differ there and back is not.
+        for around, pixels in ((None, max(self.raster.width, self.raster.height)), (turn, 1.0)):
+            x_back = back[:, 0] if around is None else back[:, 0] - np.round(leap / around) * around
+            column_back, row_back = _applied(~self.source_from_pixel, x_back, back[:, 1])
+            if max(np.abs(column_back - column).max(), np.abs(row_back - row).max()) < pixels:
+                return around
+        raise ValueError(
+            f"it reaches beyond the edge of its reference system {crs.name!r}, as across the 180th meridian, "
+            "and would be cut off there: bring it into one that holds all of it (rio warp --dst-crs EPSG:...)"
+        )
 
     def sample(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height of the surface at source coordinates, NaN for holes."""
@@ -123,12 +150,17 @@ class RasterProjection:
 
     def local_bounds(self) -> NDArray[np.float64]:
         """[2, 3]: box around outline and middle of the raster at its lowest and its highest height."""
+        column, row = self._outline()
+        points = np.concatenate([self._local_from_pixel(column, row, height) for height in self.height_range])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+    def _outline(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Columns and rows around the raster, and its middle."""
         share = np.linspace(0, 1, 65)
         zero, one = np.zeros_like(share), np.ones_like(share)
         column = np.concatenate([share, one, share, zero, [0.5]]) * self.raster.width
         row = np.concatenate([zero, share, one, share, [0.5]]) * self.raster.height
-        points = np.concatenate([self._local_from_pixel(column, row, height) for height in self.height_range])
-        return np.stack([points.min(axis=0), points.max(axis=0)])
+        return column, row
 
     def _local_from_pixel(
         self, column: NDArray[np.float64], row: NDArray[np.float64], height: NDArray[np.float64] | float
