@@ -463,6 +463,16 @@ def test_longitudes_that_go_on_beyond_the_date_line_place_the_map(tmp_path, west
     assert len(columns_of(terrain)[0]) * terrain.voxel_size_m**2 == pytest.approx(42.6 * 33.2, rel=0.03)
 
 
+@pytest.mark.parametrize("options", [{}, {"height_offset_m": 48.25}])
+def test_depths_are_not_taken_for_heights(tmp_path, options):
+    """With an offset, which the refusal of their datum asked for, ground at 300 m lay 252 m below the sea."""
+    path = write_tif(
+        tmp_path / "a.tif", np.full((4, 4), -300.0), "EPSG:32632+5715", from_origin(*UTM[1:], 1, 1)
+    )
+    with pytest.raises(MapError, match="MSL depth' counts depths, downward"):
+        open_terrain(path, **options)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("crs", ["EPSG:3857", "EPSG:3395"])
 def test_a_projected_map_goes_on_across_the_date_line(tmp_path, crs, side):

@@ -126,11 +126,18 @@ def source_frame(
     """Frame of a file whose middle is `centre` (x, y) and whose lowest height is `lowest`, as written in it.
 
     Without `georeference` the anchor becomes that middle at the lowest height, rounded down to whole metres.
-    ValueError for a vertical datum that PROJ cannot convert and for a file too far away from the anchor.
+    ValueError for depths, for a vertical datum that PROJ cannot convert and for a file too far away from the
+    anchor.
     """
     offset_m = rules.offset_m or 0.0
     if crs is None:
         return SourceFrame(None, georeference, metres_per_height, 1.0, offset_m)
+    if len(crs.axis_info) > 2 and crs.axis_info[2].direction == "down":
+        raise ValueError(
+            f"its reference system {crs.name!r} counts depths, downward: taken for heights, hills would be "
+            "valleys; write it with heights, of the other sign (rio calc '(* -1 (read 1))'), and in a system "
+            "that counts them upward"
+        )
     if rules.offset_m is not None:
         crs = horizontal_part(crs)
     metres_per_axis = float(crs.axis_info[2].unit_conversion_factor) if len(crs.axis_info) > 2 else 1.0
