@@ -151,6 +151,35 @@ def test_odometry_with_the_camera_on_the_body(tmp_path: Path) -> None:
         assert np.array_equal(ours.image(), theirs.image())
 
 
+def test_a_camera_that_is_fixed_in_two_ways_is_told(tmp_path: Path) -> None:
+    """A description of the robot and a calibration may both tell it: the last one turned every look by 145
+    degrees, and nothing said so."""
+    topic, kind, stamp, _ = static_mount(rows()[0].stamp_ns)
+    level = {"transforms": [transform(stamp, "base_link", OPTICAL, MOUNT_POSITION, Rotation.identity())]}
+    common = [*picture_messages(DRONE, OPTICAL), *odometry(), static_mount(stamp)]
+    said = f"tf: {OPTICAL} is told to be fixed to base_link in different places"
+    for name, more, count in (
+        ("again", [static_mount(stamp)] * 9, 0),
+        ("other", [(topic, kind, stamp, level)], 1),
+    ):
+        found = open_recording(write_bag(tmp_path / name, "mcap", [*common, *more]))
+        assert sum(said in warning for warning in found.warnings) == count
+
+
+def test_a_frame_on_two_others_hides_no_other_warning(tmp_path: Path) -> None:
+    stamp = rows()[0].stamp_ns
+    level = {"transforms": [transform(stamp, "base_link", OPTICAL, MOUNT_POSITION, Rotation.identity())]}
+    elsewhere = {"transforms": [transform(stamp, "other", OPTICAL, MOUNT_POSITION, MOUNT)]}
+    common = [*picture_messages(DRONE, OPTICAL), *odometry(), static_mount(stamp)]
+    more = [*[("/tf_static", TF, stamp + 1, elsewhere)] * 9, ("/tf_static", TF, stamp + 2, level)]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", [*common, *more]))
+    assert [warning for warning in found.warnings if warning.startswith("tf: ")] == [
+        f"tf: {OPTICAL} hangs on base_link and on other; the first is taken",
+        f"tf: {OPTICAL} is told to be fixed to base_link in different places or attitudes: the last is taken "
+        "for the whole flight, and what was seen may be put elsewhere; let one node tell it",
+    ]
+
+
 def test_a_mount_by_hand_and_topics_by_name(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "flight", "mcap", [*picture_messages(DRONE, OPTICAL), *odometry()])
     with pytest.raises(ValueError, match=r"nothing says how the camera .* --mount, such as level:-60"):

@@ -101,8 +101,8 @@ class BagContent:
 
     @property
     def tree_warnings(self) -> list[str]:
-        """What was met in the transforms of any drone."""
-        return [warning for tree in self._trees.values() for warning in tree.warnings]
+        """What was met in the transforms of any drone, each once."""
+        return list(dict.fromkeys(warning for tree in self._trees.values() for warning in tree.warnings))
 
     def _take_picture(self, message: BagMessage) -> None:
         header = header_of(message.data, ros1=self.bag.ros1)

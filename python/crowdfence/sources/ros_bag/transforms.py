@@ -94,6 +94,10 @@ class _Edge:
         return list(zip(self.positions, self.quaternions, strict=True))
 
 
+def _alike(one: _Row, other: _Row) -> bool:
+    return all(np.allclose(a, b, rtol=0.0, atol=1e-6) for a, b in zip(one, other, strict=True))
+
+
 class TransformTree:
     """All transforms of a bag. `warnings` says where frames changed their parents, and which rows of the
     segments that were asked for were left out."""
@@ -113,6 +117,12 @@ class TransformTree:
         at, turn = transform.transform.translation, transform.transform.rotation
         position, quaternion = [at.x, at.y, at.z], [turn.w, turn.x, turn.y, turn.z]
         if fixed:
+            if edge.told_fixed is not None and not _alike(edge.told_fixed, (position, quaternion)):
+                self.warnings.append(
+                    f"tf: {child} is told to be fixed to {parent} in different places or attitudes: the last "
+                    "is taken for the whole flight, and what was seen may be put elsewhere; let one node "
+                    "tell it"
+                )
             edge.told_fixed = position, quaternion
             return
         edge.stamps_ns.append(time_ns(transform.header.stamp))
