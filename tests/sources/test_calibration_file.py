@@ -124,6 +124,18 @@ def test_a_camchain_names_its_cameras(tmp_path: Path) -> None:
         (ROS.replace("plumb_bob", "equidistant"), "5 distortion coefficients: only k1, k2, k3, k4 are"),
         (ROS.replace("700.5, 0, 639.25", "700.5, 639.25"), "camera_matrix has 8 values"),
         (ROS.replace("image_width: 1280", "image_width: -3"), "cannot be used"),
+        # As MATLAB writes it: the middle of the view was the corner of the picture, 42 degrees off.
+        (
+            ROS.replace(
+                "700.5, 0, 639.25, 0, 701.25, 359.75, 0, 0, 1", "700.5, 0, 0, 0, 701.25, 0, 639.25, 359.75, 1"
+            ),
+            "camera_matrix is 700.5, 0, 0, 0, 701.25, 0, 639.25, 359.75, 1; it must be fx, 0, cx",
+        ),
+        # Pixels that lean by 5 degrees: 31 px at the upper edge.
+        (
+            ROS.replace("700.5, 0, 639.25", "700.5, 61.4, 639.25"),
+            "camera_matrix is 700.5, 61.4, .* without skew",
+        ),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path: Path, text: str, why: str) -> None:

@@ -18,6 +18,8 @@ _READ = (
     "the numbers of other programs go into one like that (docs/recordings.md, Intrinsics)"
 )
 _LARGEST_BYTES = 1 << 20
+_MOST_SKEW_PX = 1.0
+"""At the height of the focal length beside the middle: fits of square pixels have some tenths."""
 _OF_BOTH = 4
 """So many coefficients may be of either model."""
 
@@ -79,6 +81,13 @@ def _camera(content: dict[str, Any], camera: str | None) -> Camera:
         coefficients = []
     if len(matrix) != 9:
         raise ValueError(f"camera_matrix has {len(matrix)} values, expected 9")
+    _, skew, _, *below = matrix[:4] + matrix[6:]
+    if abs(skew) > _MOST_SKEW_PX or below != [0.0, 0.0, 0.0, 1.0]:
+        # MATLAB writes it turned over, with the principal point in the last row.
+        raise ValueError(
+            f"camera_matrix is {', '.join(f'{value:g}' for value in matrix)}; it must be fx, 0, cx, 0, fy, "
+            "cy, 0, 0, 1, in this order and without skew"
+        )
     told = "distortion_model" in content or "fisheye_model" in content
     if not told and len(coefficients) == _OF_BOTH and any(coefficients):
         raise ValueError(
