@@ -302,6 +302,26 @@ def test_a_place_with_a_decimal_comma_is_that_of_exif(tmp_path: Path) -> None:
     assert read_tags(path).place == pytest.approx((46.5123, 8.0123))
 
 
+@pytest.mark.parametrize(
+    ("datum", "taken"), [("WGS-84", True), ("WGS 84 ", True), ("ITRF2014", True), ("TOKYO", False)]
+)
+def test_a_place_in_another_datum_is_not_taken_for_one_in_wgs84(
+    tmp_path: Path, datum: str, taken: bool
+) -> None:
+    """Cameras of Japan could tell it in their old national datum, 450 m from WGS84 in Tokyo."""
+    path = write_photographs(tmp_path / "flight", datum=datum)
+    if taken:
+        assert len(open_recording(path).frames) == len(frames())
+    else:
+        with pytest.raises(ValueError, match=r"000\.JPG says where it was taken in the datum 'TOKYO'"):
+            open_recording(path)
+    exact = 'drone-dji:GpsLatitude="46.5" drone-dji:GpsLongitude="8.0"'
+    first, place = frames()[0], (46.5, 8.0, 1.0)
+    xmp = dji((0.0, -60.0, 0.0), exact)
+    write_photograph(tmp_path / "a.JPG", first.image(), first.stamp_ns, place, xmp, datum=datum)
+    assert read_tags(tmp_path / "a.JPG").other_datum == ""  # XMP is in WGS84
+
+
 def test_a_panorama_is_refused(tmp_path: Path) -> None:
     """Drones put them together in flight and save them beside the others, with place, angles and lens."""
     folder = write_photographs(tmp_path / "flight")

@@ -432,6 +432,7 @@ def write_photograph(
     focal_mm: float | None = None,
     digital_zoom: float | None = None,
     size_taken: tuple[int, int] | None = None,
+    datum: str | None = None,
 ) -> Path:
     picture, exif = Image.fromarray(image), Image.Exif()
     taken = datetime.fromtimestamp(stamp_ns // 10**9, timezone.utc)
@@ -451,6 +452,8 @@ def write_photograph(
     latitude, longitude, height = place
     gps |= {1: "N" if latitude >= 0 else "S", 2: degrees(latitude), 3: "E" if longitude >= 0 else "W"}
     gps |= {4: degrees(longitude), 5: b"\0", 6: IFDRational(round(height * 1000), 1000)}
+    if datum is not None:
+        gps[ExifTags.GPS.GPSMapDatum] = datum
     exif.get_ifd(ExifTags.IFD.GPSInfo).update(gps)
     packet = (
         '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF><rdf:Description rdf:about="" '

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from crowdfence._core import Camera
+from crowdfence.errors import quoted
 from crowdfence.georeference import Georeference
 from crowdfence.sources.camera_mount import CameraMount, overruled
 from crowdfence.sources.geographic_track import (
@@ -195,6 +196,11 @@ def _fault(tags: PhotographTags, options: PhotographOptions) -> str | None:
         return f"is a panorama ({tags.panorama}), put together of several pictures: no lens shows it so"
     if tags.place is None:
         return "does not say where it was taken (GPS, with its hemispheres)"
+    if tags.other_datum:
+        return (
+            f"says where it was taken in the datum {quoted(tags.other_datum)} (GPSMapDatum), which may lie "
+            "hundreds of metres from WGS84: write it in that (exiftool -GPSMapDatum=WGS-84 where it is so)"
+        )
     if not tags.heights_m:
         return "does not say how high it was taken"
     if options.mount is None and tags.attitude_ned is None:

@@ -58,6 +58,8 @@ _SHAKES_DEG = 5.0
 """A gimbal that points straight down points no further back than this."""
 _BACK_DEG = 30.0
 """Nor does a camera that is fixed to a drone, whatever its nose does."""
+_WGS84 = {"WGS84", "WGS1984", "CGCS2000", "ETRS89", "NAD83", "JGD2000", "JGD2011", "GDA94", "GDA2020"}
+"""GPSMapDatum without signs and spaces: WGS84, and what lies within a metre or two of it."""
 _RTK_POSITION = 16
 """drone-dji:RtkFlag: 0 none, 16 a single receiver's, 32 to 49 float, 50 fixed."""
 
@@ -75,6 +77,8 @@ class PhotographTags:
     model: str
     serial: str
     place: tuple[float, float] | None
+    other_datum: str
+    """That of the place, where it is told and none that lies as WGS84; empty otherwise."""
     heights_m: Mapping[HeightsAbove, float]
     attitude_ned: NDArray[np.float64] | None
     """Of the camera, forward-right-down in north-east-down, [4]."""
@@ -127,6 +131,7 @@ def read_tags(path: Path) -> PhotographTags:
         serial=exif_text(more.get(ExifTags.Base.BodySerialNumber))
         or xmp.get("drone-dji:DroneSerialNumber", ""),
         place=_place(gps, xmp),
+        other_datum="" if _place({}, xmp) else _other_datum(exif_text(gps.get(ExifTags.GPS.GPSMapDatum))),
         heights_m=_heights(gps, xmp, model),
         attitude_ned=_attitude(xmp, head, make),
         unusable_attitude=_unusable(xmp, make),
@@ -227,6 +232,11 @@ def _place(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> tuple[float, float
     latitude = _degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef), "NS")
     longitude = _degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef), "EW")
     return (latitude, longitude) if _is_place(latitude, longitude) else None  # type: ignore[return-value]
+
+
+def _other_datum(name: str) -> str:
+    plain = "".join(letter for letter in name.upper() if letter.isalnum())
+    return "" if not plain or plain in _WGS84 or plain.startswith("ITRF") else name
 
 
 def _is_place(latitude: float | None, longitude: float | None) -> bool:
