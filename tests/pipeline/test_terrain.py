@@ -284,6 +284,19 @@ def test_a_map_without_a_place_below_a_flight_that_has_one_is_told(tmp_path: Pat
         open_terrain(came_along, local)
 
 
+def test_a_map_without_a_place_that_was_put_into_the_file_is_still_told(tmp_path: Path) -> None:
+    """It comes with the recording then, as a map does that belongs to it."""
+    keys = ("latitude_deg", "longitude_deg", "height_m")
+    knowing = write_recording(tmp_path / "knowing", georeference=dict(zip(keys, ORIGIN, strict=True)))
+    mesh = tmp_path / "plain.obj"
+    mesh.write_text("v 0 0 0\nv 20 0 0\nv 20 20 0\nf 1 2 3\n")
+    arguments = ["convert", str(knowing), "-t", str(mesh), "-o", str(tmp_path / "a.mcap"), "--json"]
+    told = CliRunner().invoke(app, arguments)
+    assert told.exit_code == 0, told.output
+    for said in (json.loads(told.stdout)["warnings"], open_recording(tmp_path / "a.mcap").warnings):
+        assert sum("plain.obj does not say where on Earth it lies" in warning for warning in said) == 1
+
+
 def test_local_metres_of_a_map_without_reference_system_are_stated_not_guessed(
     recording: Path, tmp_path: Path
 ) -> None:

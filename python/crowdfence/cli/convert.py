@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -161,11 +162,15 @@ def _map_told(inside: str | None, wanted: bool) -> str:
 
 
 def _on_map(source: Recording, terrain: Path) -> tuple[Recording, tuple[str, ...]]:
-    """With heights that waited for the map, and what is doubtful about that."""
+    """With heights that waited for the map, and what is doubtful about that. That nobody knows where the map
+    lies goes with the file, in which it will have come with the recording."""
     from crowdfence.pipeline import read_map
+    from crowdfence.pipeline.terrain import place_doubts
     from crowdfence.sources.ground_contact import on_ground
 
+    known = replace(source, warnings=(*source.warnings, *place_doubts(terrain, source)))
     if not source.ground_contacts:
-        return source, ()
+        return known, ()
     ground = read_map(source, terrain)
-    return on_ground(source, ground.terrain), ground.doubts
+    doubts = tuple(doubt for doubt in ground.doubts if doubt not in known.warnings)
+    return on_ground(known, ground.terrain), doubts

@@ -80,7 +80,7 @@ def read_map(
         raise ValueError(f"{recording.name} comes without a map; give one with --terrain")
     anchor = _anchor(recording, georeference)
     reading = _related(Path(chosen), f"the recording {recording.name}", anchor, assume_local, options)
-    doubts = () if "origin" in options else _place_doubt(Path(chosen), recording)
+    doubts = () if "origin" in options else place_doubts(Path(chosen), recording)
     return replace(reading, doubts=(*reading.doubts, *doubts))
 
 
@@ -135,7 +135,7 @@ def _require_relation(who: str, path: Path, anchor: Georeference | None, assume_
         )
 
 
-def _place_doubt(path: Path, recording: Recording) -> tuple[str, ...]:
+def place_doubts(path: Path, recording: Recording) -> tuple[str, ...]:
     """One sentence where a map in a frame that nobody placed is put below a recording that is on Earth. The
     anchor of most is their first position, which no map of others counts from; the map that came with a
     recording does."""
