@@ -260,6 +260,20 @@ def test_descriptions_that_cannot_be_used(recorded, change, message):
         open_recording(recorded)
 
 
+def test_a_camera_of_a_misspelt_drone_is_told(recorded):
+    """The drone took the lens of all others, and its crowds lay elsewhere, in silence."""
+
+    def named(*names):
+        own = json.loads((recorded / "recording.json").read_text())["cameras"]["*"]
+        edit_description(recorded, lambda d: d["cameras"].update(dict.fromkeys(names, own)))
+        return open_recording(recorded).warnings
+
+    assert named("uav_2") == ()
+    (warning,) = named("uav03")
+    assert "a camera of 'uav03' and no such drone, and 'uav1', 'uav3' is given that of \"*\"" in warning
+    assert named("uav1", "uav3") == ()  # of one that did not fly
+
+
 def test_what_else_a_description_says_is_told(recorded):
     edit_description(recorded, lambda d: d.update(georefrence=d.pop("georeference")))
     recording = open_recording(recorded)

@@ -30,7 +30,12 @@ from typing import Any
 
 from crowdfence._core import Camera
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
-from crowdfence.sources.folder_description import camera_of, georeference_of, read_description
+from crowdfence.sources.folder_description import (
+    camera_of,
+    cameras_of_nobody,
+    georeference_of,
+    read_description,
+)
 from crowdfence.sources.layers import LayerPixels, layer_names
 from crowdfence.sources.pictures.decoding import read_only_heatmap, read_regions
 from crowdfence.sources.pictures.left_out import labels_without_frame
@@ -70,6 +75,7 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
     warnings.extend(_labels_of_no_frame(labels, framed))
     if not unplaced:
         raise ValueError(f"{folder} holds no frames: {POSES_NAME} has no row and heatmaps/ no file")
+    warnings.extend(cameras_of_nobody(description, unplaced, DESCRIPTION_NAME))
     frames, refused = place_cameras(unplaced, tracks, limits)
     return Recording(
         name=folder.resolve().name,

@@ -7,7 +7,7 @@ meant, and nothing would tell.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +62,21 @@ def camera_of(description: Mapping[str, Any], drone: str, path: Path) -> Camera:
         raise ValueError(f"{whose} has no {error}") from error
     except (OverflowError, ValueError) as error:
         raise ValueError(f"{whose} cannot be used: {error}") from error
+
+
+def cameras_of_nobody(description: Mapping[str, Any], drones: Collection[str], name: str) -> list[str]:
+    """What to tell of cameras of drones that are not there, where a drone has none of its own: under a
+    misspelt name it takes that of all others."""
+    cameras = description["cameras"]
+    unused = [drone for drone in cameras if drone != "*" and drone not in drones]
+    others = [drone for drone in sorted(drones) if drone not in cameras]
+    if not (unused and others):
+        return []
+    return [
+        f"{name}: there is a camera of {', '.join(map(quoted, unused))} and no such drone, and "
+        f'{", ".join(map(quoted, others))} is given that of "*": if a name is misspelt, it is the lens of '
+        "another, and what was seen is put elsewhere"
+    ]
 
 
 def georeference_of(description: Mapping[str, Any], path: Path) -> Georeference | None:
