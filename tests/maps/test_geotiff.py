@@ -336,6 +336,15 @@ def test_the_sea_is_no_doubt(tmp_path, shore):
     assert read_map(local_map(tmp_path, np.zeros((3, 3))), assume_local=True).doubts == ()
 
 
+@pytest.mark.parametrize(("scale", "offset"), [(0.0, 0.0), (math.nan, 0.0), (1.0, math.inf)])
+def test_a_scale_that_makes_no_heights_is_one_line(tmp_path, scale, offset):
+    path = write_tif(tmp_path / "a.tif", np.full((4, 4), 500.0), UTM[0], from_origin(*UTM[1:], 1, 1))
+    with rasterio.open(path, "r+") as dataset:
+        dataset.scales, dataset.offsets = (scale,), (offset,)
+    with pytest.raises(MapError, match=f"heights are its values times {scale:g} plus {offset:g}"):
+        open_terrain(path)
+
+
 def test_integer_heights_with_scale_and_offset(tmp_path):
     path = local_map(tmp_path, np.full((3, 3), 125), dtype="int16", nodata=0)
     with rasterio.open(path, "r+") as dataset:

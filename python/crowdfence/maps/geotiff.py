@@ -162,6 +162,13 @@ def _height_band(path: Path, dataset: Any, band: int | None) -> int:
         raise MapError(path, f"band is {band}, the file has bands 1 to {dataset.count}")
     if np.dtype(dataset.dtypes[band - 1]).kind not in "iuf":
         raise MapError(path, f"band {band} is of type {dataset.dtypes[band - 1]}; heights are real numbers")
+    scale, offset = dataset.scales[band - 1], dataset.offsets[band - 1]
+    if not (math.isfinite(scale) and math.isfinite(offset) and scale != 0.0):
+        raise MapError(
+            path,
+            f"band {band} says that heights are its values times {scale:g} plus {offset:g}: write it with "
+            "the scale and offset that are meant (gdal_edit.py -scale, -offset)",
+        )
     return band
 
 
