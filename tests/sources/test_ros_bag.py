@@ -440,6 +440,29 @@ def test_an_imu_without_an_attitude_is_not_level(tmp_path: Path) -> None:
     assert any("/imu/data_raw" in warning and "no attitude" in warning for warning in found.warnings)
 
 
+@pytest.mark.parametrize("of", ["imu", "odometry"])
+def test_an_attitude_that_nobody_set_is_told(tmp_path: Path, of: str) -> None:
+    """Drivers that know none leave what messages begin with in ROS 2, often without the -1 of REP 145: every
+    look was that of a level drone that faces east, and nothing said so."""
+    messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(rows()[0].stamp_ns)]
+    unset = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    for row in rows():
+        if of == "odometry":
+            continue
+        latitude, longitude, height = row.geodetic
+        fix = {"header": header(row.stamp_ns, "gps"), "latitude": latitude, "longitude": longitude}
+        attitude = {"header": header(row.stamp_ns, "base_link"), "orientation": unset}
+        messages.append(("/imu/data_raw", "sensor_msgs/msg/Imu", row.stamp_ns, attitude))
+        messages.append(("/fix", "sensor_msgs/msg/NavSatFix", row.stamp_ns, fix | {"altitude": height}))
+    for topic, kind, stamp, fields in odometry() if of == "odometry" else ():
+        told = fields["pose"] | {"pose": fields["pose"]["pose"] | {"orientation": unset}}
+        messages.append((topic, kind, stamp, fields | {"pose": told}))
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    topic = "/imu/data_raw" if of == "imu" else f"/{DRONE}/odom"
+    said = f"{topic}: all {len(rows())} attitudes are 0, 0, 0, 1 to the last digit"
+    assert sum(said in warning for warning in found.warnings) == 1
+
+
 def test_fixes_beside_local_poses_place_the_local_frame_on_earth(tmp_path: Path) -> None:
     messages = [*picture_messages(DRONE, OPTICAL), *camera_pose_messages()]
     for number, row in enumerate(rows()[::10]):
