@@ -69,6 +69,16 @@ def test_a_yaw_from_the_heading_needs_the_heading() -> None:
     assert gimbal_turns(TIMES, [DOWN_45] * 5, [EARTH] * 5, None, []) is not None
 
 
+@pytest.mark.parametrize("flags", [EARTH, VEHICLE])
+def test_a_gimbal_that_never_says_where_it_points_is_not_level(flags: int) -> None:
+    """As of subtitles and photographs: a camera that looked down was taken for one that looks ahead."""
+    body, remarks = Turns.of(TIMES, [EAST] * 5), list[str]()
+    assert gimbal_turns(TIMES, [[1.0, 0.0, 0.0, 0.0]] * 5, [flags] * 5, body, remarks) is None
+    assert remarks and "all 5 rows of the gimbal are level and straight ahead to the last digit" in remarks[0]
+    once_level = [[1.0, 0.0, 0.0, 0.0], *[DOWN_45] * 4]
+    assert gimbal_turns(TIMES, once_level, [flags] * 5, body, []) is not None
+
+
 LOCKED_TO_THE_VEHICLE = OTHERS | LOCK | VEHICLE
 """60, as gimbals that hold their yaw report themselves."""
 

@@ -24,6 +24,9 @@ _YAW_LOCK = 16
 _YAW_IN_VEHICLE_FRAME = 32
 _YAW_IN_EARTH_FRAME = 64
 
+_LEVEL = (1.0, 0.0, 0.0, 0.0)
+"""A quaternion (w, x, y, z) that nobody set; to its last digit no gimbal ever hangs so."""
+
 
 def one_gimbal(rows: Mapping[tuple[int, int], int], where: str, remarks: list[str]) -> tuple[int, int]:
     """Of several gimbals the first of those that tell about as often as any: between two of them no camera
@@ -43,9 +46,16 @@ def gimbal_turns(
     time_s: ArrayLike, quaternions: ArrayLike, flags: ArrayLike, body: Turns | None, remarks: list[str]
 ) -> Turns | None:
     """The camera's attitude from a gimbal's rows: seconds [N], quaternions [N, 4] (w, x, y, z), flags [N].
-    None when fewer than two can be used: a yaw from the heading needs the attitude of the drone, `body`."""
+    None when fewer than two can be used: a yaw from the heading needs the attitude of the drone, `body`, and
+    none is known where all are level and straight ahead."""
     time = np.asarray(time_s, np.float64)
     turns = np.asarray(quaternions, np.float64).reshape(-1, 4)
+    if len(turns) and bool((turns == _LEVEL).all()):
+        remarks.append(
+            f"all {len(turns)} rows of the gimbal are level and straight ahead to the last digit, as of one "
+            "that does not know where it points: they are not used"
+        )
+        return None
     told = np.asarray(flags, np.int64)
     of_vehicle, of_earth = (told & _YAW_IN_VEHICLE_FRAME) > 0, (told & _YAW_IN_EARTH_FRAME) > 0
     from_north = of_earth | (~of_vehicle & ((told & _YAW_LOCK) > 0))
