@@ -110,11 +110,11 @@ ELLIPSOIDAL = 'Camera:HorizCS="EPSG:4326" Camera:VertCS="ellipsoidal"'
 @pytest.mark.parametrize(
     ("model", "xmp"),
     [
-        ("S.O.D.A.", pix4d((0.0, -90.0, 0.0), ELLIPSOIDAL)),
+        ("S.O.D.A.", pix4d((10.0, -90.0, 0.0), ELLIPSOIDAL)),
         ("M3E", RTK + 'drone-dji:RtkFlag="50"'),  # fixed
         ("M3E", RTK + 'drone-dji:RtkFlag="16"'),  # a single receiver's
         ("ANAFI Ai", parrot((0.0, -90.0, 0.0))),  # by Parrot's "Embedded Photo Metadata"
-        ("S.O.D.A. 3D", pix4d((0.0, -90.0, 0.0))),  # as PIX4Dmatic takes it, and the next
+        ("S.O.D.A. 3D", pix4d((10.0, -90.0, 0.0))),  # as PIX4Dmatic takes it, and the next
         ("FC6310R", RTK + 'drone-dji:RtkFlag="0"'),
     ],
 )
@@ -135,7 +135,7 @@ def test_heights_above_the_ellipsoid_are_not_moved_by_the_geoid(tmp_path: Path, 
         (RTK + 'drone-dji:RtkFlag="0"', "sea"),  # no position by RTK
         (RTK.replace("RtkAlt", "GpsFusionAlt"), "sea"),
         (RTK + 'drone-dji:RtkFlag="50"', "take-off"),  # which comes first, where nothing is said
-        (pix4d((0.0, -90.0, 0.0), 'Camera:VertCS="EPSG:5773"'), "sea"),  # EGM96
+        (pix4d((10.0, -90.0, 0.0), 'Camera:VertCS="EPSG:5773"'), "sea"),  # EGM96
     ],
 )
 def test_other_heights_stay_what_they_were(tmp_path: Path, xmp: str, above: str) -> None:
@@ -242,6 +242,18 @@ def test_a_gimbal_that_says_0_throughout_says_nothing(tmp_path: Path, maker: Mak
         open_recording(path, geoid_m=48.0)
     assert len(open_recording(path, geoid_m=48.0, mount="north:-90").frames) == 1
     write_photograph(path, image, 10**18, place, maker((0.0, -90.0, 0.0)), focal_mm35=24)
+    assert len(open_recording(path, geoid_m=48.0).frames) == 1
+
+
+def test_pix4d_angles_that_are_all_0_say_nothing(tmp_path: Path) -> None:
+    """There they would be straight down with north on top, whatever the camera looked at."""
+    path = tmp_path / "a.jpg"
+    image, place = frames()[0].image(), (46.5, 8.0, 500.0)
+    zero = 'Camera:Yaw="0.000000" Camera:Pitch="0.0" Camera:Roll="0"'
+    write_photograph(path, image, 10**18, place, zero, make="Sony", focal_mm35=24)
+    with pytest.raises(ValueError, match="does not say where its camera looked"):
+        open_recording(path, geoid_m=48.0)
+    write_photograph(path, image, 10**18, place, zero.replace('"0"', '"0.1"'), make="Sony", focal_mm35=24)
     assert len(open_recording(path, geoid_m=48.0).frames) == 1
 
 

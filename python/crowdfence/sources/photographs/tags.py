@@ -181,7 +181,9 @@ def _attitude(xmp: Mapping[str, str], head: bytes, make: str) -> NDArray[np.floa
         if turn is not None:
             return turn
     yaw, pitch, roll = (_number(xmp.get(f"Camera:{angle}")) for angle in _ANGLES)
-    if yaw is None or pitch is None or not are_degrees(yaw, pitch, roll or 0.0) or _unusable(xmp, make):
+    if yaw is None or pitch is None or (yaw, pitch, roll or 0.0) == (0.0, 0.0, 0.0):
+        return None
+    if not are_degrees(yaw, pitch, roll or 0.0) or _unusable(xmp, make):
         return None
     if pitch < -_SHAKES_DEG and _is_autel(make, xmp):  # its EVO Lite tells pitch from the horizon there too
         return from_yaw_pitch_roll_deg(yaw, pitch, roll or 0.0)
@@ -209,7 +211,7 @@ def _is_autel(make: str, xmp: Mapping[str, str]) -> bool:
 
 def _turn(angles: list[str | None]) -> NDArray[np.float64] | None:
     """None where they are not told, in another unit, or all 0, as a drone writes them that does not know
-    them: to its last digit level and north none ever hangs."""
+    them: to its last digit level and north (of pix4d's: straight down) none ever hangs."""
     yaw, pitch, roll = (_number(angle) for angle in angles)
     if yaw is None or pitch is None or (yaw, pitch, roll or 0.0) == (0.0, 0.0, 0.0):
         return None
