@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crowdfence import open_recording
+from crowdfence import Camera, open_recording
 from crowdfence.sources.convert import convert
 from crowdfence.sources.ros_bag.common_world import heading_doubt
 from crowdfence.sources.ros_bag.picture import encoded_picture
@@ -420,6 +420,24 @@ def test_rectified_pictures_have_the_intrinsics_of_p(tmp_path: Path, kind: str) 
     ]
     found = open_recording(write_bag(tmp_path / ("rect.bag" if kind == "ros1" else "rect"), kind, renamed))
     assert len(found.frames) == len(frames()) and all(one.camera == camera for one in found.frames)
+
+
+def test_a_lens_that_is_taken_out_twice_is_told(tmp_path: Path) -> None:
+    """A calibration is of the raw pictures, mostly; of rectified ones it puts the edges elsewhere."""
+    camera = frames()[0].camera
+    numbers = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+    renamed = [
+        (topic.replace("image_raw", "image_rect"), *rest)
+        for topic, *rest in (*picture_messages(DRONE, OPTICAL), *camera_pose_messages())
+    ]
+    for name, messages, distortion, told in (
+        ("twice", renamed, [-0.3, 0.1, 0.0, 0.0, 0.0], 1),
+        ("once", renamed, None, 0),
+        ("raw", [*picture_messages(DRONE, OPTICAL), *camera_pose_messages()], [-0.3, 0.1, 0.0, 0.0, 0.0], 0),
+    ):
+        bag = write_bag(tmp_path / name, "mcap", messages)
+        found = open_recording(bag, calibration=Camera.pinhole(*numbers, distortion))
+        assert sum("the lens is taken out" in warning for warning in found.warnings) == told
 
 
 def test_an_imu_without_an_attitude_is_not_level(tmp_path: Path) -> None:

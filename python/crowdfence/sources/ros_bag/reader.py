@@ -345,6 +345,13 @@ class _Reader:
         pictures = self.content.pictures.get(one.camera or "", {})
         heatmaps = self.content.pictures.get(one.heatmap or "", {})
         rectified = is_rectified(one.camera or one.heatmap or "")
+        calibration = self.options.calibration
+        if rectified and calibration is not None and any(calibration.distortion):
+            self.warnings.append(
+                f"{one.drone}: by the name of {one.camera or one.heatmap} the lens is taken out of its "
+                "pictures already, and --calibration has a distortion: if it is of the raw ones, everything "
+                "off the middle is put elsewhere; name the raw pictures, or leave --calibration out"
+            )
         cameras = {
             stamp_ns: infos.rectified if rectified else infos.raw
             for stamp_ns, infos in self.content.cameras.get(one.info or "", {}).items()
