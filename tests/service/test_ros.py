@@ -615,6 +615,22 @@ def test_what_is_told_as_fixed_and_again_and_again_stays_fixed() -> None:
     assert np.allclose(feed.pose_at(START_NS + SECOND_NS // 4), straight_down(0.0), atol=1e-9)
 
 
+def test_a_camera_that_is_fixed_in_two_ways_is_told_of() -> None:
+    """A description of the robot and a calibration may both tell it, and the last turned every look."""
+    down = np.linalg.inv(level_body(0.0)) @ straight_down(0.0)
+    feed = RosPoses("tf", None)
+    feed.camera_frame = FRAME
+    for number, east in enumerate((10.0, 12.0)):
+        stamp_ns = START_NS + number * SECOND_NS // 2
+        feed.transformed(decoded(tf_message(stamp_ns, "map", "base", level_body(east))), fixed=False)
+    for child, pose in ((FRAME, down), (FRAME, down), ("other", np.eye(4)), ("other", down)):
+        feed.transformed(decoded(tf_message(0, "base", child, pose)), fixed=True)
+    assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9) and feed.doubt is None
+    feed.transformed(decoded(tf_message(0, "base", FRAME, np.eye(4))), fixed=True)
+    assert np.allclose(halfway(feed), level_body(11.0), atol=1e-9)
+    assert feed.doubt is not None and f"/tf_static told {FRAME} in different places" in feed.doubt
+
+
 def test_tf_that_says_where_the_map_is_on_earth_moves_no_camera() -> None:
     """The service itself tells the fleet, on the topic that it listens to: cameras went to the middle of the
     Earth."""

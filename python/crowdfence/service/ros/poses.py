@@ -31,6 +31,7 @@ from crowdfence.sources.ros_bag.transforms import (
     composed,
     is_ned,
     is_ned_pose,
+    told_alike,
 )
 
 _LOG = logging.getLogger(__name__)
@@ -71,6 +72,8 @@ class RosPoses:
         self._parents: dict[str, dict[str, tuple[int, int]]] = {}
         """What a frame that moves hung on, by name: from the first to the last stamp."""
         self._fixed: dict[str, Any] = {}
+        self._fixed_anew: set[str] = set()
+        """Frames that were told to be fixed in other ways than before."""
         self.camera_frame = ""
         """The optical frame, as the pictures name it."""
         self._body_frame = BODY_FRAME
@@ -118,6 +121,8 @@ class RosPoses:
             for transform in message.transforms:
                 child = transform.child_frame_id.lstrip("/")
                 if fixed:
+                    if not told_alike(self._fixed.get(child, transform), transform):
+                        self._fixed_anew.add(child)
                     self._fixed[child] = transform
                     continue
                 kept = self._moving.setdefault(child, deque())
@@ -231,6 +236,12 @@ class RosPoses:
         """ValueError where two nodes say that a frame hangs on different ones, as MAVROS may of map and odom:
         the camera would stand in either by turns."""
         for child in path:
+            if child in self._fixed_anew:
+                self.doubt = (
+                    f"/tf_static told {child} in different places or attitudes: the last is taken, and what "
+                    "its camera sees may lie elsewhere; let one node tell it, or acknowledge this where it "
+                    "was measured anew"
+                )
             parents = [
                 parent
                 for parent, (first_ns, last_ns) in self._parents.get(child, {}).items()

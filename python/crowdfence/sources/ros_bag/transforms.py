@@ -94,8 +94,20 @@ class _Edge:
         return list(zip(self.positions, self.quaternions, strict=True))
 
 
+def _row(transform: Any) -> _Row:
+    """Of a geometry_msgs/TransformStamped as decoded."""
+    at, turn = transform.transform.translation, transform.transform.rotation
+    return [at.x, at.y, at.z], [turn.w, turn.x, turn.y, turn.z]
+
+
 def _alike(one: _Row, other: _Row) -> bool:
     return all(np.allclose(a, b, rtol=0.0, atol=1e-6) for a, b in zip(one, other, strict=True))
+
+
+def told_alike(one: Any, other: Any) -> bool:
+    """Whether two decoded TransformStamped put their frame on the same parent in the same way."""
+    parents = {transform.header.frame_id.lstrip("/") for transform in (one, other)}
+    return len(parents) == 1 and _alike(_row(one), _row(other))
 
 
 class TransformTree:
@@ -114,8 +126,7 @@ class TransformTree:
         if edge.parent != parent:
             self.warnings.append(f"tf: {child} hangs on {edge.parent} and on {parent}; the first is taken")
             return
-        at, turn = transform.transform.translation, transform.transform.rotation
-        position, quaternion = [at.x, at.y, at.z], [turn.w, turn.x, turn.y, turn.z]
+        position, quaternion = _row(transform)
         if fixed:
             if edge.told_fixed is not None and not _alike(edge.told_fixed, (position, quaternion)):
                 self.warnings.append(
