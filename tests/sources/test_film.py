@@ -677,6 +677,28 @@ def six_blocks() -> bytes:
     return "".join(f(n, n / 10, rows()[n], place) for n in range(1, 4) for f in (mini, rtk)).encode()
 
 
+@pytest.mark.parametrize(
+    "told",
+    [
+        "[latitude: 46.5] [longitude: 8.0] [rel_alt: {} abs_alt: 1250.0]",
+        "[latitude: 46.5] [longitude: 8.0] [altitude: {}]",
+        "GPS (8.0, 46.5, 15), D 24.1m, H {}, H.S 0.00m/s",
+        "GPS(8.0,46.5,19) BAROMETER:{}",
+    ],
+)
+@pytest.mark.parametrize(
+    ("height", "height_m"),
+    [("164.0", 164.0), ("164.0m", 164.0), ("164.0ft", 49.9872), ("164.0 FT", 49.9872), ("164 feet", 49.9872)],
+)
+def test_heights_in_feet_are_not_taken_for_metres(
+    tmp_path: Path, told: str, height: str, height_m: float
+) -> None:
+    """Three times too high, a camera put everything three times as far from the middle of its view."""
+    block = "{0}\n00:00:0{0},000 --> 00:00:0{0},900\n" + told.format(height) + "\n\n"
+    log = read_subtitles(srt(tmp_path, "".join(block.format(number) for number in (1, 2, 3))))
+    np.testing.assert_allclose(log.heights_m["take-off"], height_m, rtol=1e-9)
+
+
 @given(st.data())
 @settings(max_examples=60)
 def test_damaged_subtitles_are_one_line(

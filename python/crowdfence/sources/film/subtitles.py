@@ -33,6 +33,7 @@ _LARGEST_BYTES = 1 << 28
 _SPEED_OFF = 0.2
 _LONG_S = 10.0
 """Over so long a time of day in whole seconds tells how fast it runs."""
+_METRES_PER_FOOT = 0.3048
 _DAMAGED = 0.05
 """A share of the blocks; what more of them say is no damage."""
 _NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,12})?)"
@@ -42,9 +43,10 @@ _GPS = re.compile(
     r"\b(?:GPS|RTK)\s*\(\s*" + _NUMBER + r"\s*,\s*" + _NUMBER + r"\s*(?:,\s*" + _NUMBER + r"?\s*([Mm]?))?"
 )
 _HOME = re.compile(r"HOME\s*\(\s*" + _NUMBER + r"\s*,\s*" + _NUMBER)
-_HEIGHT = re.compile(r"(?:\bH\s+|BAROMETER\s*:\s*)" + _NUMBER)
+_FEET = r"(?:\s*([Ff][Tt]|[Ff]eet)\b)?"
+_HEIGHT = re.compile(r"(?:\bH\s+|BAROMETER\s*:\s*)" + _NUMBER + _FEET)
 _ANGLES = re.compile(r"\b([FG])\.PRY\s*\(\s*" + r"\D{0,3},\s*".join([_NUMBER] * 3) + r"\D{0,3}\)")
-_FIELD = re.compile(r"\b([a-z]+(?:_[a-z]+)*)\s*:\s*" + _NUMBER + r"(?!\d|\.\d|,\d)", re.IGNORECASE)
+_FIELD = re.compile(r"\b([a-z]+(?:_[a-z]+)*)\s*:\s*" + _NUMBER + r"(?!\d|\.\d|,\d)" + _FEET, re.IGNORECASE)
 """None of a number with a decimal comma, whose digits behind it would be lost."""
 
 _NAMES = {
@@ -116,9 +118,9 @@ def _block(text: str) -> _Block:
     if clock := _CLOCK.search(text):
         block.clock_ns = _clock_ns(clock)
         block.whole_seconds = clock[7] is None
-    for name, value in _FIELD.findall(text):
+    for name, value, feet in _FIELD.findall(text):
         if known := _NAMES.get(name.lower()):
-            number = _millimetres(value) if known == "focal_len" else float(value)
+            number = _millimetres(value) if known == "focal_len" else _metres(value, feet)
             block.fields.setdefault(known, number)
     if latitude := re.search(r"latitude\s*:\s*[-+]?\d+\.?(\d*)", text):
         block.decimals = len(latitude[1])
@@ -129,13 +131,18 @@ def _block(text: str) -> _Block:
         values = dict(zip(names, map(float, angles), strict=True))
         block.fields |= {f"{'camera' if who == 'G' else 'body'}_{name}": values[name] for name in names}
     if (height := _HEIGHT.search(text)) and "rel_alt" not in block.fields:
-        block.fields["rel_alt"] = float(height[1])
+        block.fields["rel_alt"] = _metres(height[1], height[2])
     if home := _HOME.search(text):
         first, second = float(home[1]), float(home[2])
         place = (second, first) if block.longitude_first else (first, second)
         block.home = place if _is_place(*place) else None
     _drop_impossible(block)
     return block
+
+
+def _metres(written: str, feet: str | None) -> float:
+    """Without a unit it is the metre; nothing but heights comes in feet."""
+    return float(written) * (_METRES_PER_FOOT if feet else 1.0)
 
 
 def _millimetres(written: str) -> float:
