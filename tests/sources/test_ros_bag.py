@@ -499,6 +499,22 @@ def test_fixes_beside_local_poses_place_the_local_frame_on_earth(tmp_path: Path)
     assert ours.height_m == pytest.approx(anchor.height_m, abs=0.01)
 
 
+@pytest.mark.parametrize("nowhere", [(0.0, 0.0, 0.0), (465_000_000.0, 80_000_000.0, 1200.0)])
+def test_positions_nowhere_are_none(tmp_path: Path, nowhere: tuple[float, float, float]) -> None:
+    """Told before there is a fix, they were the origin of all poses, 5000 km from the map, and no picture of
+    the flight could be used."""
+    messages: list[Any] = [*picture_messages(DRONE, OPTICAL), *odometry(), static_mount(rows()[0].stamp_ns)]
+    for number, row in enumerate(rows()[::5]):
+        latitude, longitude, height = nowhere if number < 60 else row.geodetic
+        fix = {"header": header(row.stamp_ns, "gps"), "latitude": latitude, "longitude": longitude}
+        messages.append(("/fix", "sensor_msgs/msg/NavSatFix", row.stamp_ns, fix | {"altitude": height}))
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    at, there = found.georeference, mission().georeference
+    assert at is not None and there is not None
+    assert np.abs(there.local_from_geodetic(at.latitude_deg, at.longitude_deg, at.height_m)).max() < 0.01
+    assert any("/fix: 60 messages are left out, the first: no position" in one for one in found.warnings)
+
+
 def test_a_local_world_that_is_not_against_north_is_told(tmp_path: Path) -> None:
     """Visual odometry counts from where the drone looked at first, here 70 degrees left of east."""
     turn = Rotation.from_euler("z", -70.0, degrees=True)

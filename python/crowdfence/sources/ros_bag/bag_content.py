@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from crowdfence._core import Camera
+from crowdfence.georeference import on_earth
 from crowdfence.sources.mission.camera_info import camera_from_info, rectified_camera
 from crowdfence.sources.mission.ros2_messages import time_ns
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
@@ -143,7 +144,8 @@ class BagContent:
         if kind == FIX:
             if found.status.status > _NO_FIX:
                 place = (float(found.latitude), float(found.longitude), float(found.altitude))
-                if not all(map(math.isfinite, place)):
+                # As in photographs and logs, 0, 0 is what a receiver tells that knows none.
+                if not (all(map(math.isfinite, place)) and on_earth(*place[:2]) and any(place[:2])):
                     raise ValueError(f"no position: {place}")
                 self.fixes.setdefault(message.topic, []).append((stamp_ns, *place))
         elif kind.endswith("GeoPointStamped"):
