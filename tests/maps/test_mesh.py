@@ -161,6 +161,14 @@ BROKEN = [
         ascii_ply(faces=[(0, 1, 3, 2)]).replace(b"element face", b"element tristrips"),
         "its triangles are written as strips .*write them as faces",
     ),
+    # Two lists of faces: only the second one was read, and the houses of the first were missing.
+    (
+        "twice.ply",
+        ascii_ply().replace(
+            b"element face 2\n", b"element face 1\nproperty list uchar int vertex_indices\nelement face 1\n"
+        ),
+        "its header has the element 'face' twice",
+    ),
     ("index.ply", ascii_ply(faces=[(0, 1, 4)]), "use vertices 0 to 4, but there are 4"),
     ("negative.ply", ascii_ply(faces=[(0, 1, -1)]), "use vertices -1 to 1, but there are 4"),
     ("nan.ply", ascii_ply([[0, 0, 0], [1, math.nan, 0], [0, 1, 0]], [(0, 1, 2)]), "vertex 1 is .*nan"),

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.errors import quoted
 from crowdfence.maps.map_error import MapError
 from crowdfence.maps.polygons import triangles_of_faces
 
@@ -23,8 +24,8 @@ _INDICES = ("vertex_index", "vertex_indices")
 
 
 def check_ply_lines(path: Path, data: bytes) -> None:
-    """MapError for strips of triangles, and for an ASCII .ply, which has one line per element, with fewer
-    lines than its header says."""
+    """MapError for strips of triangles, for two elements of one name, and for an ASCII .ply, which has one
+    line per element, with fewer lines than its header says."""
     head, _, body = data.partition(b"end_header")
     words = [line.split() for line in head.splitlines()]
     if any(line[:2] == [b"element", b"tristrips"] and line[2:] != [b"0"] for line in words):
@@ -32,6 +33,14 @@ def check_ply_lines(path: Path, data: bytes) -> None:
             path,
             "its triangles are written as strips (element tristrips), which cannot be read: write them as "
             "faces (element face), as a modelling program does that opens and saves it",
+        )
+    names = [line[1] for line in words if len(line) == 3 and line[0] == b"element"]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise MapError(
+            path,
+            f"its header has the element {quoted(twice[0].decode(errors='replace'))} twice, of which the "
+            "first would be left out: write it with one of them, as a modelling program does that opens and "
+            "saves it",
         )
     if [b"format", b"ascii"] not in [line[:2] for line in words]:
         return
