@@ -422,6 +422,20 @@ def test_rectified_pictures_have_the_intrinsics_of_p(tmp_path: Path, kind: str) 
     assert len(found.frames) == len(frames()) and all(one.camera == camera for one in found.frames)
 
 
+def test_intrinsics_that_change_and_have_stamps_of_their_own_are_no_lack(tmp_path: Path) -> None:
+    """The message asked for a CameraInfo topic, which was there."""
+    messages: list[Any] = [*camera_pose_messages()]
+    for number, (topic, kind, stamp, fields) in enumerate(picture_messages(DRONE, OPTICAL)):
+        if kind.endswith("CameraInfo"):
+            k = [fields["k"][0] + number, *fields["k"][1:]]
+            fields = fields | {"k": k, "header": header(stamp + 1000, OPTICAL)}
+        messages.append((topic, kind, stamp, fields))
+    with pytest.raises(
+        ValueError, match=r"of 'uav1' on /uav1/cam/camera_info change, as of a zoom, and none"
+    ):
+        open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+
+
 def test_a_lens_that_is_taken_out_twice_is_told(tmp_path: Path) -> None:
     """A calibration is of the raw pictures, mostly; of rectified ones it puts the edges elsewhere."""
     camera = frames()[0].camera

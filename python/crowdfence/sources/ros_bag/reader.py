@@ -365,6 +365,12 @@ class _Reader:
             usable = None if isinstance(camera, str) else camera
             unplaced.append(UnplacedFrame(stamp_ns, usable, pixels, fault))
         if unplaced and all(frame.camera is None and frame.fault is None for frame in unplaced):
+            if cameras:  # they change, so that each is of the picture of its own stamp alone
+                raise ValueError(
+                    f"{self.bag.path}: the intrinsics of {one.drone!r} on {one.info} change, as of a zoom, "
+                    "and none has the stamp of a picture: record them with those stamps, or give "
+                    "--calibration"
+                )
             raise ValueError(
                 f"{self.bag.path}: no intrinsics of {one.drone!r}: name a CameraInfo topic as info= in "
                 "--topics, or a file with --calibration"
