@@ -70,8 +70,9 @@ class Video:
         if codec is None:
             self._container.close()
             raise ValueError(f"{path} has a codec that is not known here")
-        # Slices in parallel delay nothing, so that an error belongs to the packet that caused it.
-        codec.thread_type = "SLICE"
+        # Frames in parallel tell of an error after the packet that caused it, and slices in parallel not at
+        # all: FFmpeg then hands out what it has patched up as if it were whole.
+        codec.thread_count = 1
         codec.options = {"err_detect": "explode"}
         if codec.width > LARGEST[0] or codec.height > LARGEST[1]:
             self._container.close()
