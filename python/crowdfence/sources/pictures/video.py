@@ -22,9 +22,11 @@ from numpy.typing import NDArray
 
 from crowdfence.sources.pictures.decoding import LARGEST
 from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
+from crowdfence.sources.pictures.transport_stream import losses
 
 if TYPE_CHECKING:
     from av.container import InputContainer
+    from av.packet import Packet
     from av.video.frame import VideoFrame
 
 FORMATS = (
@@ -207,19 +209,54 @@ class Video:
         """What the decoder gives, in its order."""
         import av
 
-        packets = self._container.demux(self._stream)
+        packets = self._packets()
         while True:
             try:
-                packet = next(packets, None)
+                packet, is_whole = next(packets, (None, True))
             except av.FFmpegError as error:
                 yield _Broken(None, f"the file cannot be read any further: {_said(error)}")
                 return
             if packet is None:
                 return
+            if not is_whole:
+                yield _Broken(packet.pts, "bytes of it were lost on their way")
             try:
                 yield from packet.decode()
             except av.FFmpegError as error:
-                yield _Broken(packet.pts, f"cannot be decoded: {_said(error)}")
+                if is_whole:
+                    yield _Broken(packet.pts, f"cannot be decoded: {_said(error)}")
+
+    def _packets(self) -> Iterator[tuple[Packet, bool]]:
+        """Coded frames, and whether all bytes of each are there, as far as the container tells."""
+        import av
+
+        demuxed = self._container.demux(self._stream)
+        if not len(self._losses):
+            yield from ((packet, True) for packet in demuxed)
+            return
+        begin = 0
+        held: list[Packet] = []
+        try:
+            for packet in demuxed:
+                if packet.pos is not None:  # frames that the container holds together have one place
+                    yield from self._judged(held, begin, packet.pos)
+                    begin, held = packet.pos, []
+                held.append(packet)
+        except av.FFmpegError:
+            yield from self._judged(held, begin, math.inf)
+            raise
+        yield from self._judged(held, begin, math.inf)
+
+    def _judged(self, packets: list[Packet], begin: int, end: float) -> Iterator[tuple[Packet, bool]]:
+        """Coded frames that lie between two places of the file, and whether nothing is missing there."""
+        is_whole = not ((self._losses >= begin) & (self._losses < end)).any()
+        yield from ((packet, is_whole or not packet.size) for packet in packets)
+
+    @cached_property
+    def _losses(self) -> NDArray[np.int64]:
+        """Where bytes of the frames are missing, in the file."""
+        is_counted = self._container.format.name == "mpegts"
+        return losses(self.path, self._stream.id) if is_counted else np.empty(0, np.int64)
 
     def _declared_s(self) -> float | None:
         if self._stream.duration and self._stream.time_base:
@@ -268,12 +305,13 @@ class _Gaps:
         self._waiting: list[_Broken] = []
         self._last: _Broken | None = None
         """The newest broken frame whose damage no key frame has ended yet."""
-        self._refused_pts: int | None = None
+        self._refused: set[int | None] = set()
+        """Met by the decoder, which may show its own version of them later."""
 
     def add(self, broken: _Broken) -> None:
         """Met by the decoder, which runs ahead of what is shown."""
         self._waiting.append(self.seen(broken))
-        self._refused_pts = broken.pts
+        self._refused.add(broken.pts)
 
     def seen(self, broken: _Broken) -> _Broken:
         self._last = broken
@@ -286,7 +324,10 @@ class _Gaps:
         return sorted(due, key=lambda gap: -1 if gap.pts is None else gap.pts)
 
     def repeats(self, pts: int | None) -> bool:
-        return pts is not None and pts == self._refused_pts
+        if pts is None or pts not in self._refused:
+            return False
+        self._refused.remove(pts)
+        return True
 
     def touch(self, frame: VideoFrame) -> bool:
         """Whether the frame builds on a broken one."""
