@@ -131,6 +131,20 @@ def test_a_stream_that_lost_bytes_on_its_way_shows_nothing_that_was_patched_up(
     assert reasons[0] == "bytes of it were lost on their way" and len(reasons) == 6
 
 
+def test_films_that_were_put_one_behind_the_other(tmp_path: Path) -> None:
+    """Byte for byte, as transport streams may be: the second begins at the time of the first."""
+    one, joined = write_video(tmp_path / "one.ts", 15), tmp_path / "joined.ts"
+    joined.write_bytes(one.read_bytes() * 2)
+    with Video(joined) as video:
+        items = list(video.pictures())
+    whole = [item for item in items if isinstance(item, StreamPicture)]
+    # Whether the first lost its end nobody can know; the second begins with a key frame.
+    assert [round((item.time_s or 0.0) * 10) for item in whole] == [*range(14), *range(15)]
+    assert [item.number for item in items if isinstance(item, SkippedPicture)] == [14]
+    with Video(joined) as video, pytest.raises(ValueError, match=r"joined.ts: its times go back by 1.4 s"):
+        video.shown_times()
+
+
 def test_a_video_without_a_single_frame_is_an_error_and_leaves_nothing(model: Path, tmp_path: Path) -> None:
     film = damage(write_video(tmp_path / "film.mp4", 4), [0, 1, 2, 3])
     line = error_line(detect(film, "--model", model, "-o", tmp_path / "out"))

@@ -37,6 +37,8 @@ FORMATS = (
 
 _MISSING_END_S = 0.35
 """Sound may go on a little longer than the pictures."""
+_UNTIDY_S = 1.0
+"""By so much the order of a file may be wrong without harm."""
 _SQUARE = 0.01
 """Scaling to whole pixels leaves such a share between the sides of one."""
 _HEAD = 50
@@ -143,15 +145,20 @@ class Video:
         """When each frame is shown, in order, without decoding: on the clock of the stream, and in seconds
         since the film's beginning; then the key frames, on the clock of the stream.
 
-        ValueError when the file holds no frame with a time.
+        ValueError when the file holds no frame with a time, and where times begin anew within it.
         """
         import av
 
         shown: dict[int, bool] = {}
+        latest: int | None = None
         try:
             for packet in self._container.demux(self._stream):
-                if packet.pts is not None and packet.size:
-                    shown[packet.pts] = packet.is_keyframe
+                if packet.pts is None or not packet.size:
+                    continue
+                shown[packet.pts] = packet.is_keyframe
+                if packet.dts is not None:
+                    self._require_onward(latest, packet.dts)
+                    latest = packet.dts
         except av.FFmpegError as error:
             if not shown:
                 raise ValueError(f"{self.path} cannot be read: {_said(error)}") from error
@@ -159,6 +166,16 @@ class Video:
             raise ValueError(f"{self.path} holds no frame with a time")
         pts = sorted(shown)
         return pts, [self._time_s(one) or 0.0 for one in pts], [one for one in pts if shown[one]]
+
+    def _require_onward(self, before: int | None, dts: int) -> None:
+        """ValueError for a time at which a frame is decoded that lies well before that of the one before."""
+        back_s = 0.0 if before is None else float((before - dts) * (self._stream.time_base or 0))
+        if back_s > _UNTIDY_S:
+            raise ValueError(
+                f"{self.path}: its times go back by {back_s:.1f} s within it, as where films were put one "
+                "behind the other byte for byte, and nobody knows which of two frames of one time is meant: "
+                "join films with ffmpeg -f concat -i LIST.txt -c copy FILM"
+            )
 
     def pictures_from(self, pts: int | None) -> Iterator[tuple[int | None, NDArray[np.uint8] | str]]:
         """Frames with their times from the key frame before `pts` on, or from the beginning for None, in the
@@ -194,6 +211,7 @@ class Video:
             if isinstance(item, _Broken):
                 gaps.add(item)
                 continue
+            gaps.reach(item.pts)
             yield from gaps.before(item.pts)
             if gaps.repeats(item.pts):
                 continue  # the decoder's patched-up version of what it has just refused
@@ -307,6 +325,7 @@ class _Gaps:
         """The newest broken frame whose damage no key frame has ended yet."""
         self._refused: set[int | None] = set()
         """Met by the decoder, which may show its own version of them later."""
+        self._shown_pts: int | None = None
 
     def add(self, broken: _Broken) -> None:
         """Met by the decoder, which runs ahead of what is shown."""
@@ -316,6 +335,14 @@ class _Gaps:
     def seen(self, broken: _Broken) -> _Broken:
         self._last = broken
         return broken
+
+    def reach(self, pts: int | None) -> None:
+        """What is shown now. Where films were put one behind the other, times begin anew, and those of broken
+        frames before say nothing of those that follow."""
+        if pts is not None and self._shown_pts is not None and pts < self._shown_pts:
+            self._refused.clear()
+            self._last = None if self._last is None else _Broken(None, self._last.reason)
+        self._shown_pts = pts if pts is not None else self._shown_pts
 
     def before(self, pts: int | None) -> list[_Broken]:
         """Those that would have been shown before `pts`; all for None."""
