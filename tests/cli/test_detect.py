@@ -278,6 +278,7 @@ def test_what_is_left_out_of_a_folder_of_pictures_is_told(model: Path, tmp_path:
     page.save(pictures / "b.tif", save_all=True, append_images=[page, page])
     page.save(pictures / "c.GIF")
     (pictures / "d.dng").write_bytes(b"raw")
+    (pictures / "downlink.ts").write_bytes(b"a film")
     (pictures / "e.jpg").symlink_to(tmp_path / "nowhere.jpg")
     (pictures / "sub").mkdir()
     page.save(pictures / "sub" / "f.png")
@@ -288,8 +289,26 @@ def test_what_is_left_out_of_a_folder_of_pictures_is_told(model: Path, tmp_path:
     assert pages.startswith("frame 1 (b.tif): only its first page is used, not the 2 behind it")
     assert lost.startswith("frame 2 (e.jpg): ") and "No such file" in lost
     files, folders = (one for one in report["warnings"] if "left out" in one)
-    assert files.startswith("2 files of pictures/ left out, first: c.GIF; ")
+    assert files.startswith("3 files of pictures/ left out, first: c.GIF; ")
     assert folders.startswith("1 subfolder of pictures/ with pictures left out, first: sub; ")
+
+
+def test_pictures_of_a_thermal_camera_are_told(model: Path, tmp_path: Path) -> None:
+    """They show people as warmth: a detector of colours says of all of them that nobody is there."""
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    for name in ("DJI_20260101120000_0001_W.JPG", "DJI_20260101120000_0001_T.JPG", "DJI_0002_T.JPG"):
+        Image.fromarray(picture(4)).save(pictures / name)
+    film = write_video(tmp_path / "DJI_0003_T.MP4", 2)
+
+    def told(source: Path, out: str) -> list[str]:
+        report = json.loads(detect(source, "--model", model, "-o", tmp_path / out, "--json").stdout)
+        return [one for one in report["warnings"] if "thermal" in one]
+
+    (of_pictures,), (of_film,) = told(pictures, "1"), told(film, "2")
+    assert of_pictures.startswith("2 pictures, first: DJI_0002_T.JPG, each is a thermal camera's, and")
+    assert of_film.startswith("DJI_0003_T.MP4 is a thermal camera's, and") and "--detector" in of_film
+    assert not told(pictures / "DJI_20260101120000_0001_W.JPG", "3")
 
 
 def test_smaller_copies_in_a_picture_are_no_pages(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -133,18 +134,22 @@ def _detect_pictures(
 ) -> None:
     from crowdfence.exports.heatmap_folder import HEATMAPS
     from crowdfence.heatmap_files import OVERLAY, detect_pictures
+    from crowdfence.sources.photographs.tags import is_thermal_picture
     from crowdfence.sources.pictures.files import SUFFIXES, is_picture_file, picture_files, read_pictures
     from crowdfence.sources.pictures.left_out import left_out
+    from crowdfence.sources.pictures.thermal import is_named_thermal
 
     missed = left_out(source, SUFFIXES, except_for=(HEATMAPS, OVERLAY)) if source.is_dir() else []
     with ExitStack() as stack:
         if source.is_dir() or is_picture_file(source):
             files = picture_files(source)
             stream, count = read_pictures(files, every=every), len(files)
+            missed += _thermal([file for file in files[::every] if is_thermal_picture(file)])
         else:
             from crowdfence.sources.pictures.video import Video, squeezed
 
             film = stack.enter_context(Video(source))
+            missed += _thermal([source] if is_named_thermal(source.stem) else [])
             if squeeze := squeezed(film.pixel_aspect):
                 missed.append(f"{source} {squeeze}")
             stream, count = film.pictures(every=every), film.frame_count or 0
@@ -172,6 +177,19 @@ def _detect_pictures(
     if done.watch.looked_at:
         facts["unlike tested"] = f"{done.watch.unlike} of {done.watch.looked_at} pictures"
     _report(output, detector, facts, [*warnings, *skipped])
+
+
+def _thermal(files: Sequence[Path]) -> Iterator[str]:
+    """One sentence of pictures of warmth, or of a film, where there are any."""
+    from crowdfence.sources.pictures.thermal import THERMAL
+
+    if files:
+        first = files[0].name
+        which = f"{first} is" if len(files) == 1 else f"{len(files)} pictures, first: {first}, each is"
+        yield (
+            f"{which} {THERMAL}: they call the ground empty; take the pictures of colours of the same shots, "
+            "or give --detector one that was trained on thermal pictures"
+        )
 
 
 def _detect_recording(

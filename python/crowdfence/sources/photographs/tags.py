@@ -34,7 +34,7 @@ from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.photographs.exif_text import exif_text
 from crowdfence.sources.photographs.when_taken import WhenTaken, when_taken
 from crowdfence.sources.pictures.decoding import orientation
-from crowdfence.sources.pictures.thermal import is_thermal
+from crowdfence.sources.pictures.thermal import is_named_thermal, is_thermal
 from crowdfence.sources.rotation import are_degrees, from_yaw_pitch_roll_deg, multiply
 
 _HEAD_BYTES = 1 << 19
@@ -146,6 +146,14 @@ def read_tags(path: Path) -> PhotographTags:
         by_dji=make.upper() in ("DJI", "HASSELBLAD"),
         thermal=is_thermal(path.stem, xmp, head),
     )
+
+
+def is_thermal_picture(path: Path) -> bool:
+    """By what a picture file says of itself; by its name, where it can say nothing."""
+    try:
+        return read_tags(path).thermal
+    except (OSError, ValueError):
+        return is_named_thermal(path.stem)
 
 
 def _size(more: Mapping[int, Any]) -> tuple[int, int] | None:

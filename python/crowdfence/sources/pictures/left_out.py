@@ -13,7 +13,7 @@ _PICTURES = (
     *(".heic", ".heif", ".avif", ".jp2", ".jxl"),
 )
 _RAW = (".dng", ".raw", ".arw", ".cr2", ".cr3", ".nef", ".orf", ".raf", ".rw2")
-_FILMS = (".mp4", ".mov", ".mkv", ".m4v", ".avi", ".webm", ".mpg", ".mts")
+_FILMS = (".mp4", ".mov", ".mkv", ".m4v", ".avi", ".webm", ".mpg", ".ts", ".mts", ".m2ts")
 _GEO_KEYS = 34735
 """TIFF tag of a map."""
 
