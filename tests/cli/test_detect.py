@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import shlex
 import subprocess
 from pathlib import Path
@@ -291,6 +292,24 @@ def test_what_is_left_out_of_a_folder_of_pictures_is_told(model: Path, tmp_path:
     files, folders = (one for one in report["warnings"] if "left out" in one)
     assert files.startswith("3 files of pictures/ left out, first: c.GIF; ")
     assert folders.startswith("1 subfolder of pictures/ with pictures left out, first: sub; ")
+
+
+def test_a_picture_whose_name_is_no_utf8_is_looked_at(model: Path, tmp_path: Path) -> None:
+    """As of cameras and archives of other times: one such name made a folder unusable."""
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    latin_1, damaged = (pictures / os.fsdecode(name) for name in (b"stra\xdfe.png", b"stra\xdfe.jpg"))
+    try:
+        Image.fromarray(picture(4)).save(latin_1)
+        damaged.write_bytes(b"damaged")
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    done = detect(pictures, "--model", model, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["skipped"] == [
+        "frame 0 (stra<U+DCDF>e.jpg): stra<U+DCDF>e.jpg is damaged: it is no picture that can be read"
+    ]
+    assert [row["source"] for row in index(tmp_path / "out")] == ["stra<U+DCDF>e.png"]
 
 
 def test_pictures_of_a_thermal_camera_are_told(model: Path, tmp_path: Path) -> None:

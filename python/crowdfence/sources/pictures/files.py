@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from crowdfence.legible import shown
 from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".ppm", ".tif", ".tiff")
@@ -41,10 +42,11 @@ def read_pictures(files: Sequence[Path], *, every: int = 1) -> PictureStream:
     check_every(every)
     for number in range(0, len(files), every):
         file = files[number]
+        name = shown(file.name)  # one that is no UTF-8 can be written nowhere
         try:
-            yield StreamPicture(number, file.name, None, read_rgb(file))
+            yield StreamPicture(number, name, None, read_rgb(file))
             if pages := further_pages(file):
                 reason = f"only its first page is used, not the {pages} behind it: save each as a picture"
-                yield SkippedPicture(number, file.name, None, reason)
+                yield SkippedPicture(number, name, None, reason)
         except (OSError, ValueError) as error:
-            yield SkippedPicture(number, file.name, None, str(error))
+            yield SkippedPicture(number, name, None, shown(str(error)))
