@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import EpsImagePlugin, ExifTags, Image
 
-from crowdfence.sources.pictures.decoding import decode_rgb, read_rgb
+from crowdfence.sources.pictures.decoding import as_png, decode_rgb, read_heatmap, read_rgb
 from crowdfence.sources.ros_bag.picture import image_pixels
 
 SIZE = (160, 120)
@@ -135,13 +135,13 @@ def test_without_ffmpeg_only_a_jpeg_that_stops_is_known_to_be_damaged(
         decode_rgb(INTACT["baseline"][: len(INTACT["baseline"]) // 2], SIZE)
 
 
-def turned(orientation: int) -> bytes:
-    """A PNG whose upper left corner is white, with the tag."""
+def turned(orientation: int, kind: str = "PNG") -> bytes:
+    """A picture whose upper left corner is white, with the tag."""
     stored = np.zeros((4, 6, 3), np.uint8)
     stored[0, 0] = 255
     exif, file = Image.Exif(), io.BytesIO()
     exif[ExifTags.Base.Orientation] = orientation
-    Image.fromarray(stored).save(file, "PNG", exif=exif)
+    Image.fromarray(stored).save(file, kind, exif=exif)
     return file.getvalue()
 
 
@@ -159,11 +159,12 @@ def turned(orientation: int) -> bytes:
         (8, "left", "bottom"),
     ],
 )
+@pytest.mark.parametrize("kind", ["PNG", "TIFF"])
 def test_a_picture_without_a_pose_comes_upright(
-    tmp_path: Path, orientation: int, row: str, column: str
+    tmp_path: Path, kind: str, orientation: int, row: str, column: str
 ) -> None:
     path = tmp_path / "a.png"
-    path.write_bytes(turned(orientation))
+    path.write_bytes(turned(orientation, kind))
     picture = read_rgb(path)
     assert picture.shape == ((4, 6, 3) if orientation < 5 else (6, 4, 3))
     sides = {row, column}
@@ -171,11 +172,25 @@ def test_a_picture_without_a_pose_comes_upright(
     assert picture[corner].tolist() == [255, 255, 255] and picture.sum() == 3 * 255
 
 
-def test_a_picture_with_a_pose_must_not_ask_to_be_turned() -> None:
-    assert decode_rgb(turned(1), (6, 4))[0, 0, 0] == 255
+@pytest.mark.parametrize("kind", ["PNG", "TIFF"])
+def test_a_picture_with_a_pose_must_not_ask_to_be_turned(kind: str) -> None:
+    """A TIFF is turned by whoever decodes it: of Orientation 3 its crowd would stand in the corner across."""
+    assert decode_rgb(turned(1, kind), (6, 4))[0, 0, 0] == 255
     for orientation in range(2, 9):
-        with pytest.raises(ValueError, match=f"EXIF Orientation {orientation}.*save it with Orientation 1"):
-            decode_rgb(turned(orientation), (6, 4))
+        refused = f"EXIF Orientation {orientation}.*save it with Orientation 1"
+        with pytest.raises(ValueError, match=refused):
+            decode_rgb(turned(orientation, kind), (6, 4))
+        with pytest.raises(ValueError, match=refused):
+            as_png(turned(orientation, kind))  # whose bytes would not say it
+
+
+def test_a_heatmap_must_not_ask_to_be_turned(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 3
+    Image.fromarray(np.array([[255, 0, 0]], np.uint8)).save(path, exif=exif)
+    with pytest.raises(ValueError, match=r"a.tif is stored turned \(EXIF Orientation 3\)"):
+        read_heatmap(path, (6, 4))
 
 
 @pytest.mark.parametrize("told", [0, 9, 77])

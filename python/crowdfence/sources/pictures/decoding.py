@@ -56,17 +56,14 @@ def decode_rgb(data: bytes, size: Size) -> NDArray[np.uint8]:
     Orientation): nobody can know whether its pose means it as stored or as shown.
     """
     with _opened(io.BytesIO(data), size) as picture:
-        told = orientation(picture)
-        if told != UPRIGHT:
-            raise ValueError(f"picture {turned_fault(told)}")
         return _rgb(picture, "picture")
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
     """Picture file of any size -> [H, W, 3] uint8, upright as its EXIF Orientation says. Transparency is
     dropped; deeper than 8 bit is refused."""
-    with _opened(path, None) as picture:
-        turn = _TO_UPRIGHT.get(orientation(picture))
+    with _opened(path, None, may_be_turned=True) as picture:
+        turn = _TO_UPRIGHT.get(orientation(picture))  # Pillow has turned a TIFF, which says 1 by now
         return _rgb(picture if turn is None else picture.transpose(turn), path.name)
 
 
@@ -227,11 +224,17 @@ def _rgb(picture: Image.Image, name: str) -> NDArray[np.uint8]:
 
 
 @contextmanager
-def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGEST) -> Iterator[Image.Image]:
+def _opened(
+    source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGEST, *, may_be_turned: bool = False
+) -> Iterator[Image.Image]:
     """The picture, fully decoded; its declared size is checked first, so that a lie costs no memory."""
     name = source.name if isinstance(source, Path) else "picture"
     try:
         with Image.open(source, formats=_FORMATS) as picture:
+            # Pillow turns a TIFF while it decodes it, and the tag is gone; of others it may lie behind the
+            # pixels.
+            if picture.format == "TIFF" and not may_be_turned:
+                _require_upright(picture, name)
             width, height = picture.size
             if size is not None and picture.size != size:
                 raise ValueError(f"{name} is {width}x{height}, the camera is {size[0]}x{size[1]}")
@@ -240,6 +243,8 @@ def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGES
                     f"{name} declares {width}x{height} pixels, more than {at_most[0]}x{at_most[1]}"
                 )
             picture.load()
+            if not may_be_turned:
+                _require_upright(picture, name)
             if picture.format in ("JPEG", "MPO"):
                 _require_intact(source, name)
             yield picture
@@ -251,6 +256,11 @@ def _opened(source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGES
         if error.errno is not None:
             raise
         raise ValueError(f"{name} is damaged: {error}") from error
+
+
+def _require_upright(picture: Image.Image, name: str) -> None:
+    if (told := orientation(picture)) != UPRIGHT:
+        raise ValueError(f"{name} {turned_fault(told)}")
 
 
 def _require_intact(source: Path | io.BytesIO, name: str) -> None:
