@@ -12,7 +12,7 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
@@ -26,7 +26,7 @@ _RENAME_EXCHANGE = 2
 
 @contextmanager
 def replaceable_folder(
-    folder: str | PathLike[str], *, contents: Collection[str], force: bool
+    folder: str | PathLike[str], *, contents: Container[str], force: bool
 ) -> Iterator[None]:
     """Prove before the block, which ends in `whole_folder`, that the folder can be written there.
 
@@ -45,7 +45,7 @@ def replaceable_folder(
 
 @contextmanager
 def whole_folder(
-    folder: str | PathLike[str], *, contents: Collection[str], force: bool = False
+    folder: str | PathLike[str], *, contents: Container[str], force: bool = False
 ) -> Iterator[Path]:
     """Yield an empty folder to write into; it takes the place of `folder` when the block succeeds, else it is
     removed. Folders that killed processes left beside it are removed too. Errors as for
@@ -86,7 +86,7 @@ def _resolved(folder: str | PathLike[str]) -> Path:
     return Path(folder).resolve()  # a link stays a link: what it points to is replaced
 
 
-def _require_replaceable(target: Path, contents: Collection[str], force: bool) -> None:
+def _require_replaceable(target: Path, contents: Container[str], force: bool) -> None:
     if not target.exists():
         return
     if not target.is_dir():

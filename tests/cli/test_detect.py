@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crowdfence import open_recording
+from crowdfence import atomic_folder, open_recording
 from crowdfence.cli.demo import RECORDING as DEMO
 from crowdfence.detector.detector import Detector
 from crowdfence.detector.overlay import overlay
@@ -366,6 +366,43 @@ def test_what_is_looked_at_is_never_replaced(model: Path, tmp_path: Path) -> Non
     for source in (tmp_path / "heatmaps", tmp_path / "heatmaps" / "a.png"):
         assert "is looked at" in error_line(detect(source, "--model", model, "-o", tmp_path, "--force"))
     assert (tmp_path / "heatmaps" / "a.png").is_file()
+
+
+def test_heatmaps_of_others_are_never_replaced(model: Path, tmp_path: Path) -> None:
+    """A plain folder of pictures and heatmaps has them in a folder of the same name."""
+    film = write_video(tmp_path / "film.mp4", 2)
+    recorded = tmp_path / "flight" / "heatmaps" / "uav1_1760000000000000000.png"
+    recorded.parent.mkdir(parents=True)
+    recorded.write_bytes(b"mine")
+    line = error_line(detect(film, "--model", model, "-o", tmp_path / "flight", "--force"))
+    assert f"holds {recorded.name}, which is no result and would be lost" in line
+    assert recorded.read_bytes() == b"mine" and [*(tmp_path / "flight").rglob("*.*")] == [recorded]
+
+
+def test_a_killed_command_leaves_no_table_beside_heatmaps_that_it_is_not_of(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long, short = write_video(tmp_path / "long.mp4", 4), write_video(tmp_path / "short.mp4", 2)
+    detector, out = Detector(model), tmp_path / "out"
+    with Video(long) as video:
+        detect_pictures(video.pictures(), detector, out, video=False)
+    take_place = atomic_folder._take_place
+
+    def die_after(beside: Path, target: Path) -> None:
+        take_place(beside, target)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, Video(short) as video, pytest.raises(KeyboardInterrupt):
+        patch.setattr(atomic_folder, "_take_place", die_after)
+        detect_pictures(video.pictures(), detector, out, video=False, replace_existing=True)
+    assert len([*(out / "heatmaps").iterdir()]) == 2 and not (out / "index.csv").exists()
+
+    # What one left that was killed before that is removed by the next.
+    (out / ".heatmaps.crowdfence-killed").mkdir()
+    with Video(long) as video:
+        detect_pictures(video.pictures(), detector, out, video=False, replace_existing=True)
+    assert sorted(path.name for path in out.iterdir()) == ["heatmaps", "index.csv"]
+    assert len(index(out)) == 4
 
 
 def test_an_overlay_of_other_heatmaps_does_not_stay(model: Path, tmp_path: Path) -> None:
