@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -671,6 +674,31 @@ def test_a_bag_whose_recorder_was_killed_has_no_description(tmp_path: Path) -> N
     shutil.copy(store.with_name("mcap_0.mcap"), tmp_path / "other.mcap")
     with pytest.raises(ValueError, match="holds no recording"):
         open_recording(tmp_path)
+
+
+def test_what_a_killed_recorder_left_beside_its_bag_is_not_left_out(tmp_path: Path) -> None:
+    """SQLite keeps what was written last in a file of its own until it moves it into the bag."""
+    bag = write_bag(
+        tmp_path / "flight", "sqlite3", [*picture_messages(DRONE, OPTICAL), *camera_pose_messages()]
+    )
+    (name,) = (path.name for path in bag.glob("*.db3"))
+    with closing(sqlite3.connect(bag / name)) as recorder:
+        recorder.execute("PRAGMA journal_mode=WAL")
+        half = "timestamp > (SELECT (min(timestamp) + max(timestamp)) / 2 FROM messages)"
+        late = recorder.execute(f"SELECT * FROM messages WHERE {half}").fetchall()
+        recorder.execute(f"DELETE FROM messages WHERE {half}")
+        recorder.commit()
+        recorder.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        recorder.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", late)
+        recorder.commit()
+        killed = shutil.copytree(bag, tmp_path / "killed")
+    for source in (killed, killed / name):
+        with pytest.raises(ValueError, match=rf"{name}-wal lies beside it.*sqlite3 \S*{name} '") as refused:
+            open_recording(source)
+    command = shlex.split(str(refused.value))
+    with closing(sqlite3.connect(command[command.index("sqlite3") + 1])) as store:
+        store.executescript(command[command.index("sqlite3") + 2])
+    assert len(open_recording(killed).frames) == len(frames())
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])

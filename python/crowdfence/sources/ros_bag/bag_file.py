@@ -7,6 +7,7 @@ are read through rosbags (extra `ros`), which also decodes the messages of all o
 from __future__ import annotations
 
 import re
+import shlex
 import struct
 import threading
 from collections.abc import Iterator, Sequence
@@ -143,6 +144,8 @@ class RosBag:
 
     def __post_init__(self) -> None:
         self.ros1 = self.path.suffix.lower() == ".bag"
+        for store in [self.path] if self.path.is_file() else _parts(self.path, ".db3"):
+            _require_all_in(store)
         with self._refusing():
             for connection in self._reader().connections:
                 topic = self._topics.setdefault(connection.topic, BagTopic(connection.msgtype))
@@ -251,6 +254,20 @@ def _parts(folder: Path, suffix: str) -> list[Path]:
         name = folder.resolve().name
         files = [file for file in files if re.fullmatch(re.escape(name) + r"_\d+", file.stem)]
     return sorted(files, key=lambda file: (len(file.stem), file.stem))
+
+
+def _require_all_in(store: Path) -> None:
+    """ValueError for a file of SQLite beside which its recorder, cut off, left what it wrote last, or how to
+    take back what it had half written: rosbags reads the file alone."""
+    for journal in ("-wal", "-journal"):
+        left = store.with_name(f"{store.name}{journal}")
+        if left.is_file() and left.stat().st_size > 0:
+            take_in = "PRAGMA journal_mode=DELETE; SELECT count(*) FROM messages"
+            raise ValueError(
+                f"{store}: {left.name} lies beside it, as a recorder leaves it that was cut off, and without "
+                "it messages would be missing or half written; SQLite takes it in, and says how many "
+                f"there are then: sqlite3 {shlex.quote(str(store))} {shlex.quote(take_in)}"
+            )
 
 
 def _begins_like_mcap(path: Path) -> bool:
