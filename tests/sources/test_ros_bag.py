@@ -701,6 +701,17 @@ def test_what_a_killed_recorder_left_beside_its_bag_is_not_left_out(tmp_path: Pa
     assert len(open_recording(killed).frames) == len(frames())
 
 
+def test_a_part_that_the_description_of_a_bag_does_not_know_is_not_left_out(tmp_path: Path) -> None:
+    """As where the recorder was cut off in a later part than the one that it last described."""
+    messages = [*picture_messages(DRONE, OPTICAL), *camera_pose_messages()]
+    bag = write_bag(tmp_path / "flight", "sqlite3", messages)
+    (part,) = bag.glob("*.db3")
+    shutil.copy(part, bag / "flight_1.db3")
+    with pytest.raises(ValueError, match=r"flight_1.db3 is not in its metadata.yaml.*ros2 bag reindex"):
+        open_recording(bag)
+    assert len(open_recording(part).frames) == len(frames())
+
+
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
 def test_damage_is_one_line_and_never_a_traceback(tmp_path: Path, kind: str) -> None:
     messages = [*picture_messages(DRONE, OPTICAL)[:6], *camera_pose_messages()[:120]]

@@ -144,8 +144,11 @@ class RosBag:
 
     def __post_init__(self) -> None:
         self.ros1 = self.path.suffix.lower() == ".bag"
-        for store in [self.path] if self.path.is_file() else _parts(self.path, ".db3"):
+        stores = [self.path] if self.path.is_file() else _parts(self.path, ".db3")
+        for store in stores:
             _require_all_in(store)
+        if self.path.is_dir():
+            _require_described(self.path, stores)
         with self._refusing():
             for connection in self._reader().connections:
                 topic = self._topics.setdefault(connection.topic, BagTopic(connection.msgtype))
@@ -268,6 +271,17 @@ def _require_all_in(store: Path) -> None:
                 "it messages would be missing or half written; SQLite takes it in, and says how many "
                 f"there are then: sqlite3 {shlex.quote(str(store))} {shlex.quote(take_in)}"
             )
+
+
+def _require_described(folder: Path, stores: Sequence[Path]) -> None:
+    """ValueError for parts in the folder that its description does not name: rosbags reads only those that it
+    does."""
+    described = (folder / METADATA_NAME).read_text(encoding="utf-8", errors="replace")
+    if unknown := [store.name for store in stores if store.name not in described]:
+        raise ValueError(
+            f"{folder}: {unknown[0]} is not in its {METADATA_NAME}, as where the recorder was cut off, and "
+            "would be left out: `ros2 bag reindex` describes all parts; or name a file, to read it alone"
+        )
 
 
 def _begins_like_mcap(path: Path) -> bool:
