@@ -49,6 +49,10 @@ def test_what_counts_otherwise_on_purpose_is_no_gap(tmp_path: Path) -> None:
     assert lost(tmp_path, [packet(3), packet(4), other, packet(5)]) == [188]
 
 
+def test_of_a_stream_that_does_not_count_nothing_is_known(tmp_path: Path) -> None:
+    assert lost(tmp_path, [packet(0)[:-1] + bytes([number]) for number in range(40)]) == []
+
+
 def test_a_packet_that_says_it_was_damaged_is_told(tmp_path: Path) -> None:
     assert lost(tmp_path, [packet(0), packet(1, damaged=True), packet(2)]) == [188]
 
