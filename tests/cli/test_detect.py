@@ -23,7 +23,17 @@ from crowdfence.sources.pictures.video import Video
 from support.command_line import crowdfence
 from support.onnx_models import contract, write_map_model, write_pixel_people_model
 from support.small_recordings import flight, write_airsim
-from support.small_videos import HEIGHT, WIDTH, damage, packet_ends, picture, turn, write_video
+from support.small_videos import (
+    HEIGHT,
+    WIDTH,
+    damage,
+    packet_ends,
+    picture,
+    side_by_side,
+    turn,
+    write_cover,
+    write_video,
+)
 
 FAILED = 1
 
@@ -95,6 +105,17 @@ def test_a_video_with_broken_frames_says_which_are_missing(model: Path, tmp_path
     assert [round(item.time_s or 0.0, 3) for item in shown] == [number / 10 for number in whole]
     assert all(isinstance(item, StreamPicture) for item in shown)
     assert shown[-1].rgb.shape == (HEIGHT, WIDTH, 3)
+
+
+def test_a_film_beside_another_in_one_file_is_told(model: Path, tmp_path: Path) -> None:
+    """As of a second lens: who stands in it alone was seen by nobody. The cover of a film is none."""
+    one, other = write_video(tmp_path / "one.mp4", 3), write_video(tmp_path / "other.mp4", 2)
+    both, covered = tmp_path / "both.mp4", write_cover(tmp_path / "covered.mp4", one)
+    for film, told in ((side_by_side([one, other], both), [f"{both} holds 2 films"]), (covered, [])):
+        report = json.loads(detect(film, "--model", model, "-o", tmp_path / film.stem, "--json").stdout)
+        found = [warning for warning in report["warnings"] if "films" in warning]
+        assert report["frames"] == 3
+        assert [warning.partition(", as of several lenses, ")[0] for warning in found] == told
 
 
 @pytest.mark.parametrize(

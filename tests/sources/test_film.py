@@ -50,7 +50,7 @@ from support.foreign_recordings import (
     write_subtitles,
     write_ulog,
 )
-from support.small_videos import turn, with_creation_time, write_grey_film
+from support.small_videos import side_by_side, turn, with_creation_time, write_grey_film
 
 
 def home() -> tuple[float, float]:
@@ -83,6 +83,14 @@ def test_a_thermal_film_is_told_by_its_name(tmp_path: Path, name: str, is_told: 
     write_subtitles(tmp_path / f"{name}.SRT", start_ns)
     told = [warning for warning in open_recording(film, take_off=home()).warnings if "thermal" in warning]
     assert len(told) == is_told
+
+
+def test_a_film_of_two_lenses_tells_that_one_is_left_out(tmp_path: Path) -> None:
+    film, start_ns = write_film(tmp_path / "one.mp4")
+    both = side_by_side([film, film], tmp_path / "DJI_0001.MP4")
+    write_subtitles(tmp_path / "DJI_0001.SRT", start_ns)
+    told = [one for one in open_recording(both, take_off=home()).warnings if "holds 2 films" in one]
+    assert len(told) == 1 and "only the first is looked at" in told[0]
 
 
 @pytest.mark.parametrize("dialect", [mini, rtk])

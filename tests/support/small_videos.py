@@ -74,6 +74,36 @@ def with_creation_time(plain: Path, told: Path, created: str) -> Path:
     return told
 
 
+def side_by_side(films: list[Path], path: Path) -> Path:
+    """The pictures of several films as streams of one."""
+    with av.open(str(path), "w") as target:
+        sources = [av.open(str(film)) for film in films]
+        streams = [target.add_stream_from_template(source.streams.video[0]) for source in sources]
+        for source, stream in zip(sources, streams, strict=True):
+            for packet in source.demux(video=0):
+                if packet.dts is not None:
+                    packet.stream = stream
+                    target.mux(packet)
+            source.close()
+    return path
+
+
+def write_cover(path: Path, film: Path) -> Path:
+    """A film with a picture that players show for it."""
+    with av.open(str(film)) as source, av.open(str(path), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        cover = target.add_stream("mjpeg", rate=1)
+        cover.width, cover.height, cover.pix_fmt = WIDTH, HEIGHT, "yuvj420p"
+        cover.disposition = av.stream.Disposition.attached_pic
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+        target.mux(cover.encode(av.VideoFrame.from_ndarray(picture(4), format="rgb24")))
+        target.mux(cover.encode(None))
+    return path
+
+
 def write_grey_film(path: Path, codec: str, rate: int, frames: int) -> Path:
     """Coded out of order, with a key frame every 12; frame n is grey of 6 * n."""
     with av.open(str(path), "w") as container:

@@ -146,12 +146,12 @@ def _detect_pictures(
             stream, count = read_pictures(files, every=every), len(files)
             missed += _thermal([file for file in files[::every] if is_thermal_picture(file)])
         else:
-            from crowdfence.sources.pictures.video import Video, squeezed
+            from crowdfence.sources.pictures.video import Video, left_aside, squeezed
 
             film = stack.enter_context(Video(source))
             missed += _thermal([source] if is_named_thermal(source.stem) else [])
-            if squeeze := squeezed(film.pixel_aspect):
-                missed.append(f"{source} {squeeze}")
+            doubts = squeezed(film.pixel_aspect), left_aside(film.further_films)
+            missed += [f"{source} {doubt}" for doubt in doubts if doubt]
             stream, count = film.pictures(every=every), film.frame_count or 0
         advance = stack.enter_context(console.progress("detecting", -(-count // every), "frames"))
         try:

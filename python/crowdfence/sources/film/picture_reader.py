@@ -29,6 +29,7 @@ class FilmPictures:
             require_unturned(video)
             self.size = video.size
             self.pixel_aspect = video.pixel_aspect
+            self.further_films = video.further_films
             self.created = video.metadata.get("creation_time")
             self._pts, self.times_s, self._keys = video.shown_times()
         self._video: Video | None = None

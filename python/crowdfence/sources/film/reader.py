@@ -36,7 +36,7 @@ from crowdfence.sources.geographic_track import (
     local_track,
 )
 from crowdfence.sources.pictures.thermal import THERMAL, is_named_thermal
-from crowdfence.sources.pictures.video import squeezed
+from crowdfence.sources.pictures.video import left_aside, squeezed
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording
 from crowdfence.sources.time_zone import real_zone_s, zone_name
@@ -144,6 +144,7 @@ def read_film(
         sea,
         cut,
         squeeze,
+        left_aside(film.further_films),
         lens,
         _spacing(step_s),
         thermal,

@@ -53,6 +53,7 @@ class Video:
 
     def __init__(self, path: Path) -> None:
         import av
+        from av.stream import Disposition
 
         self.path = path
         with path.open("rb"):
@@ -69,7 +70,12 @@ class Video:
         if not self._container.streams.video:
             self._container.close()
             raise ValueError(f"{path} holds no pictures, only {_kinds(self._container)}")
-        self._stream = self._container.streams.video[0]
+        streams = self._container.streams.video
+        # The cover of a film is a stream of one picture.
+        films = [one for one in streams if not one.disposition & Disposition.attached_pic]
+        self._stream = (films or streams)[0]
+        self.further_films = max(len(films) - 1, 0)
+        """Streams of pictures beside this one, as of a second lens."""
         codec = self._stream.codec_context
         if codec is None:
             self._container.close()
@@ -295,6 +301,16 @@ def squeezed(pixel_aspect: float) -> str:
     return (
         f"has pixels {pixel_aspect:.3f} times as wide as high, in which people look squeezed to a detector: "
         "save it with square pixels (ffmpeg -vf scale=iw*sar:ih,setsar=1)"
+    )
+
+
+def left_aside(further_films: int) -> str:
+    """What is told of films in the same file that nobody looks at; empty where there are none."""
+    if not further_films:
+        return ""
+    return (
+        f"holds {further_films + 1} films, as of several lenses, and only the first is looked at: take the "
+        "others out (ffmpeg -i FILM -map 0:v:1 -c copy OTHER) and name them by themselves"
     )
 
 
