@@ -137,6 +137,9 @@ def test_a_film_with_poses_that_is_stored_turned_is_refused(tmp_path: Path) -> N
         with pytest.raises(ValueError, match=r"DJI_0001.MP4 is stored turned .*without the flag") as error:
             open_recording(film)
         assert f"says {clockwise_deg} degrees clockwise" in str(error.value)
+    turn(film, 0, mirrored=True)
+    with pytest.raises(ValueError, match=r"DJI_0001.MP4 is shown upside down from how it is stored"):
+        open_recording(film)
 
 
 def test_pixels_of_a_film_that_are_not_square_need_a_calibration_of_them(tmp_path: Path) -> None:

@@ -50,13 +50,15 @@ def damage(path: Path, numbers: list[int]) -> Path:
     return path
 
 
-def turn(path: Path, clockwise_deg: int) -> Path:
-    """Set the rotation flag of an MP4: players show its frames turned so far (ISO 14496-12, tkhd matrix)."""
+def turn(path: Path, clockwise_deg: int, *, mirrored: bool = False) -> Path:
+    """Set the rotation flag of an MP4: players show its frames turned so far (ISO 14496-12, tkhd matrix), or
+    first with the upper side down."""
     data = bytearray(path.read_bytes())
     box = data.index(b"tkhd") + 4
     matrix = box + 4 + (20 if data[box] == 0 else 32) + 16
-    a, b = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[clockwise_deg]
-    values = (a, b, 0, -b, a, 0, 0, 0)
+    a, b = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[clockwise_deg]
+    down = -1 if mirrored else 1
+    values = (a, b, 0, -b * down, a * down, 0, 0, 0)
     data[matrix : matrix + 36] = struct.pack(">9i", *(65536 * value for value in values), 1 << 30)
     path.write_bytes(data)
     return path

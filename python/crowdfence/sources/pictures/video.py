@@ -127,14 +127,23 @@ class Video:
         width, height = int(self._stream.codec_context.width), int(self._stream.codec_context.height)
         return (height, width) if _quarters(self.rotation_deg) % 2 else (width, height)
 
-    @cached_property
+    @property
     def rotation_deg(self) -> int:
         """By how many degrees, counterclockwise, the stored frames are turned to be shown: what the first
         frame says that can be decoded."""
+        return self._turn[0]
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether the same frame says that they are shown mirrored."""
+        return self._turn[1]
+
+    @cached_property
+    def _turn(self) -> tuple[int, bool]:
         with Video(self.path) as again:
             frames = (item for item in islice(again._frames(), _HEAD) if not isinstance(item, _Broken))
             first = next(frames, None)
-            return 0 if first is None else int(first.rotation)
+            return (0, False) if first is None else (int(first.rotation), _mirrors(first))
 
     @property
     def pixel_aspect(self) -> float:
@@ -322,6 +331,11 @@ def require_unturned(film: Video) -> None:
             "clockwise), and its poses may mean the stored frames or those that are shown: turn its frames "
             "as the poses mean them, and save it without the flag"
         )
+    if film.is_mirrored:  # from top to bottom, as other ways turn it too
+        raise ValueError(
+            f"{film.path} is shown upside down from how it is stored, mirrored, and its poses may mean "
+            "either: turn its frames as the poses mean them, and save it without the flag (display matrix)"
+        )
 
 
 class _Broken:
@@ -388,6 +402,15 @@ def _upright(frame: VideoFrame) -> NDArray[np.uint8]:
     rgb = np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
     quarters = _quarters(frame.rotation)
     return np.ascontiguousarray(np.rot90(rgb, quarters)) if quarters else rgb
+
+
+def _mirrors(frame: VideoFrame) -> bool:
+    """By its display matrix (ISO 14496-12, 3 x 3 whole numbers)."""
+    matrix: Any = frame.side_data.get("DISPLAYMATRIX")
+    if matrix is None:
+        return False
+    a, b, _, c, d, *_ = np.frombuffer(bytes(matrix), np.int32).astype(np.float64).tolist()
+    return bool(a * d - b * c < 0.0)
 
 
 def _quarters(rotation_deg: int) -> int:
