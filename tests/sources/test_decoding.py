@@ -193,6 +193,13 @@ def test_a_heatmap_must_not_ask_to_be_turned(tmp_path: Path) -> None:
         read_heatmap(path, (6, 4))
 
 
+def test_a_panorama_that_is_too_large_is_not_called_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "panorama.png"
+    Image.new("1", (16_000, 12_000)).save(path)
+    with pytest.raises(ValueError, match=r"^panorama.png has more than 178,956,970 pixels: cut it into sev"):
+        read_rgb(path)
+
+
 @pytest.mark.parametrize("told", [0, 9, 77])
 def test_a_turn_that_does_not_exist_is_none(told: int) -> None:
     assert decode_rgb(turned(told), (6, 4))[0, 0, 0] == 255

@@ -248,8 +248,11 @@ def _opened(
             if picture.format in ("JPEG", "MPO"):
                 _require_intact(source, name)
             yield picture
-    except (SyntaxError, EOFError, struct.error, zlib.error, Image.DecompressionBombError) as error:
+    except (SyntaxError, EOFError, struct.error, zlib.error) as error:
         raise ValueError(f"{name} is damaged: {error}") from error
+    except Image.DecompressionBombError as error:  # as a whole one may be, put together of many
+        most = 2 * (Image.MAX_IMAGE_PIXELS or 0)
+        raise ValueError(f"{name} has more than {most:,} pixels: cut it into several") from error
     except UnidentifiedImageError as error:  # its own words name the object that held the bytes
         raise ValueError(f"{name} is damaged: it is no picture that can be read") from error
     except OSError as error:
