@@ -203,3 +203,29 @@ def test_a_panorama_that_is_too_large_is_not_called_damaged(tmp_path: Path) -> N
 @pytest.mark.parametrize("told", [0, 9, 77])
 def test_a_turn_that_does_not_exist_is_none(told: int) -> None:
     assert decode_rgb(turned(told), (6, 4))[0, 0, 0] == 255
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA", "P", "RGB"])
+def test_a_posed_picture_that_is_transparent_anywhere_is_refused(mode: str) -> None:
+    """What nobody saw became black, which is ground without people. An alpha that hides nothing is none."""
+    opaque = Image.new("RGBA", (8, 6), (200, 10, 10, 255))
+    holed = opaque.copy()
+    holed.putpixel((7, 5), (0, 0, 0, 254))
+    more: dict[str, object] = {}
+    if mode == "P":  # with a colour of its palette that is transparent
+        opaque, holed = (Image.new("P", (8, 6), colour) for colour in (1, 0))
+        more = {"transparency": 0}
+    elif mode == "RGB":
+        opaque, holed = (Image.new("RGB", (8, 6), colour) for colour in ((9, 9, 9), (1, 2, 3)))
+        more = {"transparency": (1, 2, 3)}
+    else:
+        opaque, holed = opaque.convert(mode), holed.convert(mode)
+
+    def as_file(picture: Image.Image) -> bytes:
+        file = io.BytesIO()
+        picture.save(file, format="PNG", **more)
+        return file.getvalue()
+
+    assert decode_rgb(as_file(opaque), (8, 6)).shape == (6, 8, 3)
+    with pytest.raises(ValueError, match="picture is transparent in places, where nobody sees anything"):
+        decode_rgb(as_file(holed), (8, 6))

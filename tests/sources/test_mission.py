@@ -296,7 +296,10 @@ def test_a_rational_polynomial_without_a_denominator_is_plumb_bob():
             "8 distortion coefficients: only k1, k2, p1, p2, k3 are supported",
         ),
         ({"binning_x": 2}, "binned or cut"),
-        ({"k": [0.0] * 9}, "fx|focal"),
+        ({"k": [0.0] * 9}, "K in camera_info is all 0, as of a camera that is not calibrated"),
+        # It was left out: a pixel 400 px below the middle lay 24 px further left than was measured.
+        ({"k": [500, 30, 320, 0, 500, 240, 0, 0, 1]}, "K in camera_info is 500, 30, 320, .* without skew"),
+        ({"k": [500, 0, 0, 0, 500, 0, 320, 240, 1]}, "must be fx, 0, cx, 0, fy, cy, 0, 0, 1, in this order"),
     ],
 )
 def test_unusable_camera_info_names_the_reason(changes, message):

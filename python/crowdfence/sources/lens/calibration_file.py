@@ -11,15 +11,13 @@ from typing import Any
 
 from crowdfence._core import Camera
 from crowdfence.errors import one_line
-from crowdfence.sources.lens.opencv_camera import opencv_camera
+from crowdfence.sources.lens.opencv_camera import focal_and_centre, opencv_camera
 
 _READ = (
     "OpenCV's (camera_matrix, image_width), ROS's camera_info and kalibr's camchain are read, as YAML, and "
     "the numbers of other programs go into one like that (docs/recordings.md, Intrinsics)"
 )
 _LARGEST_BYTES = 1 << 20
-_MOST_SKEW_PX = 1.0
-"""At the height of the focal length beside the middle: fits of square pixels have some tenths."""
 _OF_BOTH = 4
 """So many coefficients may be of either model."""
 
@@ -81,20 +79,13 @@ def _camera(content: dict[str, Any], camera: str | None) -> Camera:
         coefficients = []
     if len(matrix) != 9:
         raise ValueError(f"camera_matrix has {len(matrix)} values, expected 9")
-    _, skew, _, *below = matrix[:4] + matrix[6:]
-    if abs(skew) > _MOST_SKEW_PX or below != [0.0, 0.0, 0.0, 1.0]:
-        # MATLAB writes it turned over, with the principal point in the last row.
-        raise ValueError(
-            f"camera_matrix is {', '.join(f'{value:g}' for value in matrix)}; it must be fx, 0, cx, 0, fy, "
-            "cy, 0, 0, 1, in this order and without skew"
-        )
+    focal_px, centre_px = focal_and_centre(matrix, "camera_matrix")
     told = "distortion_model" in content or "fisheye_model" in content
     if not told and len(coefficients) == _OF_BOTH and any(coefficients):
         raise ValueError(
             "4 distortion coefficients are those of cv2.fisheye, or k1, k2, p1, p2 of another lens: add a "
             "line distortion_model: equidistant for the former, plumb_bob for the latter"
         )
-    focal_px, centre_px = (matrix[0], matrix[4]), (matrix[2], matrix[5])
     return opencv_camera((width, height), focal_px, centre_px, model, coefficients)
 
 

@@ -11,8 +11,22 @@ from collections.abc import Sequence
 from crowdfence._core import Camera
 
 HALF_PIXEL = 0.5
+_MOST_SKEW_PX = 1.0
+"""At the height of the focal length beside the middle: fits of square pixels have some tenths."""
 _RADIAL = {"plumb_bob", "radtan", "rational_polynomial", "brown_conrady", ""}
 _FISHEYE = {"equidistant", "fisheye", "kannala_brandt"}
+
+
+def focal_and_centre(matrix: Sequence[float], name: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """(fx, fy) and (cx, cy) of a camera matrix of 9 values, by rows. ValueError for one with skew, or turned
+    over as MATLAB writes it, with the principal point in the last row."""
+    fx, skew, cx, _, fy, cy, *_ = matrix
+    if abs(skew) > _MOST_SKEW_PX or [matrix[3], *matrix[6:]] != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(
+            f"{name} is {', '.join(f'{value:g}' for value in matrix)}; it must be fx, 0, cx, 0, fy, cy, 0, "
+            "0, 1, in this order and without skew"
+        )
+    return (fx, fy), (cx, cy)
 
 
 def opencv_camera(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from crowdfence._core import Camera
-from crowdfence.sources.lens.opencv_camera import HALF_PIXEL, opencv_camera
+from crowdfence.sources.lens.opencv_camera import HALF_PIXEL, focal_and_centre, opencv_camera
 from crowdfence.sources.rotation_angle import angle_between_deg
 
 _IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
@@ -37,12 +37,15 @@ def camera_info_fields(camera: Camera, size: tuple[int, int] | None = None) -> d
 def camera_from_info(info: Any) -> Camera:
     """Camera of a decoded CameraInfo message.
 
-    ValueError as of `opencv_camera`, and for an image that is a binned or cut part of the sensor: its
-    intrinsics would need correcting.
+    ValueError as of `focal_and_centre` and `opencv_camera`, for a camera that is not calibrated, and for an
+    image that is a binned or cut part of the sensor: its intrinsics would need correcting.
     """
     _require_whole(info)
-    k, size = info.k, (info.width, info.height)
-    return opencv_camera(size, (k[0], k[4]), (k[2], k[5]), info.distortion_model, list(info.d))
+    if not any(info.k):
+        raise ValueError("K in camera_info is all 0, as of a camera that is not calibrated")
+    focal_px, centre_px = focal_and_centre(list(info.k), "K in camera_info")
+    size = info.width, info.height
+    return opencv_camera(size, focal_px, centre_px, info.distortion_model, list(info.d))
 
 
 def is_rectified(topic: str) -> bool:

@@ -45,6 +45,7 @@ _TO_UPRIGHT = {
 }
 """By EXIF Orientation."""
 
+_OPAQUE = 255
 _SUBFILE_TYPE, _COPY_OR_MASK = 254, 0b101
 """TIFF tag, and those of its bits."""
 
@@ -52,10 +53,12 @@ _SUBFILE_TYPE, _COPY_OR_MASK = 254, 0b101
 def decode_rgb(data: bytes, size: Size) -> NDArray[np.uint8]:
     """Encoded picture of a posed camera -> [H, W, 3] uint8 of exactly `size`.
 
-    Transparency is dropped; deeper than 8 bit is refused, and so is a picture that asks to be turned (EXIF
-    Orientation): nobody can know whether its pose means it as stored or as shown.
+    ValueError for one deeper than 8 bit; for one that is transparent anywhere, as at the rim of what was
+    rectified: nobody sees what is there, and the colours below mean nothing; and for one that asks to be
+    turned (EXIF Orientation): nobody can know whether its pose means it as stored or as shown.
     """
     with _opened(io.BytesIO(data), size) as picture:
+        _require_opaque(picture)
         return _rgb(picture, "picture")
 
 
@@ -259,6 +262,13 @@ def _opened(
         if error.errno is not None:
             raise
         raise ValueError(f"{name} is damaged: {error}") from error
+
+
+def _require_opaque(picture: Image.Image) -> None:
+    if picture.has_transparency_data and np.asarray(picture.convert("RGBA"))[..., 3].min() < _OPAQUE:
+        raise ValueError(
+            "picture is transparent in places, where nobody sees anything: give it as the camera took it"
+        )
 
 
 def _require_upright(picture: Image.Image, name: str) -> None:
