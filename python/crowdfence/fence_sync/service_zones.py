@@ -11,7 +11,7 @@ import ssl
 from http.client import HTTPException
 from os import PathLike
 from threading import Event, Thread
-from urllib.error import HTTPError
+from urllib.error import HTTPError, URLError
 from urllib.request import Request, urlopen
 
 from crowdfence.errors import one_line, quoted
@@ -87,7 +87,9 @@ class ServiceZones:
                 hint = "; give --token" if error.code == _UNKNOWN else ""
                 raise ConnectionError(f"{self.url}: {_detail(error)} ({error.code}){hint}") from error
         except (OSError, HTTPException) as error:
-            raise ConnectionError(f"{self.url}: no answer: {one_line(error)}") from error
+            why = error.reason if isinstance(error, URLError) else error
+            words = one_line(why) if isinstance(why, Exception) else why
+            raise ConnectionError(f"{self.url}: no answer: {words}") from error
 
 
 def _detail(error: HTTPError) -> str:
