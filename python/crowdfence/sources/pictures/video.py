@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.sources.pictures.broken_frames import BrokenFrame, BrokenFrames
 from crowdfence.sources.pictures.decoding import LARGEST
 from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, StreamPicture, check_every
 from crowdfence.sources.pictures.transport_stream import losses
@@ -106,7 +107,7 @@ class Video:
             last_s = self._time_s(item.pts) or last_s
             if number % every:
                 continue
-            if isinstance(item, _Broken):
+            if isinstance(item, BrokenFrame):
                 yield SkippedPicture(number, "", self._time_s(item.pts), item.reason)
                 continue
             try:
@@ -141,7 +142,7 @@ class Video:
     @cached_property
     def _turn(self) -> tuple[int, bool]:
         with Video(self.path) as again:
-            frames = (item for item in islice(again._frames(), _HEAD) if not isinstance(item, _Broken))
+            frames = (item for item in islice(again._frames(), _HEAD) if not isinstance(item, BrokenFrame))
             first = next(frames, None)
             return (0, False) if first is None else (int(first.rotation), _mirrors(first))
 
@@ -203,7 +204,7 @@ class Video:
         except av.FFmpegError as error:
             raise ValueError(f"{self.path}: no way to frame {pts}: {_said(error)}") from error
         for item in self._frames():
-            if isinstance(item, _Broken):
+            if isinstance(item, BrokenFrame):
                 yield item.pts, item.reason
             else:
                 yield item.pts, _upright(item)
@@ -219,11 +220,11 @@ class Video:
     ) -> None:
         self.close()
 
-    def _frames(self) -> Iterator[VideoFrame | _Broken]:
+    def _frames(self) -> Iterator[VideoFrame | BrokenFrame]:
         """Frames and gaps in the order in which they are shown."""
-        gaps = _Gaps()
+        gaps = BrokenFrames()
         for item in self._decoded():
-            if isinstance(item, _Broken):
+            if isinstance(item, BrokenFrame):
                 gaps.add(item)
                 continue
             gaps.reach(item.pts)
@@ -231,14 +232,14 @@ class Video:
             if gaps.repeats(item.pts):
                 continue  # the decoder's patched-up version of what it has just refused
             if item.is_corrupt:
-                yield gaps.seen(_Broken(item.pts, "damaged"))
+                yield gaps.seen(BrokenFrame(item.pts, "damaged"))
             elif gaps.touch(item):
-                yield _Broken(item.pts, "may build on a damaged frame; the next key frame ends that")
+                yield BrokenFrame(item.pts, "may build on a damaged frame; the next key frame ends that")
             else:
                 yield item
         yield from gaps.before(None)
 
-    def _decoded(self) -> Iterator[VideoFrame | _Broken]:
+    def _decoded(self) -> Iterator[VideoFrame | BrokenFrame]:
         """What the decoder gives, in its order."""
         import av
 
@@ -247,17 +248,17 @@ class Video:
             try:
                 packet, is_whole = next(packets, (None, True))
             except av.FFmpegError as error:
-                yield _Broken(None, f"the file cannot be read any further: {_said(error)}")
+                yield BrokenFrame(None, f"the file cannot be read any further: {_said(error)}")
                 return
             if packet is None:
                 return
             if not is_whole:
-                yield _Broken(packet.pts, "bytes of it were lost on their way")
+                yield BrokenFrame(packet.pts, "bytes of it were lost on their way")
             try:
                 yield from packet.decode()
             except av.FFmpegError as error:
                 if is_whole:
-                    yield _Broken(packet.pts, f"cannot be decoded: {_said(error)}")
+                    yield BrokenFrame(packet.pts, f"cannot be decoded: {_said(error)}")
 
     def _packets(self) -> Iterator[tuple[Packet, bool]]:
         """Coded frames, and whether all bytes of each are there, as far as the container tells."""
@@ -336,65 +337,6 @@ def require_unturned(film: Video) -> None:
             f"{film.path} is shown upside down from how it is stored, mirrored, and its poses may mean "
             "either: turn its frames as the poses mean them, and save it without the flag (display matrix)"
         )
-
-
-class _Broken:
-    """A frame that is not there."""
-
-    def __init__(self, pts: int | None, reason: str) -> None:
-        self.pts = pts
-        self.reason = reason
-
-
-class _Gaps:
-    """Broken frames until their turn comes, and how far their damage reaches."""
-
-    def __init__(self) -> None:
-        self._waiting: list[_Broken] = []
-        self._last: _Broken | None = None
-        """The newest broken frame whose damage no key frame has ended yet."""
-        self._refused: set[int | None] = set()
-        """Met by the decoder, which may show its own version of them later."""
-        self._shown_pts: int | None = None
-
-    def add(self, broken: _Broken) -> None:
-        """Met by the decoder, which runs ahead of what is shown."""
-        self._waiting.append(self.seen(broken))
-        self._refused.add(broken.pts)
-
-    def seen(self, broken: _Broken) -> _Broken:
-        self._last = broken
-        return broken
-
-    def reach(self, pts: int | None) -> None:
-        """What is shown now. Where films were put one behind the other, times begin anew, and those of broken
-        frames before say nothing of those that follow."""
-        if pts is not None and self._shown_pts is not None and pts < self._shown_pts:
-            self._refused.clear()
-            self._last = None if self._last is None else _Broken(None, self._last.reason)
-        self._shown_pts = pts if pts is not None else self._shown_pts
-
-    def before(self, pts: int | None) -> list[_Broken]:
-        """Those that would have been shown before `pts`; all for None."""
-        due = [gap for gap in self._waiting if pts is None or gap.pts is None or gap.pts <= pts]
-        self._waiting = [gap for gap in self._waiting if gap not in due]
-        return sorted(due, key=lambda gap: -1 if gap.pts is None else gap.pts)
-
-    def repeats(self, pts: int | None) -> bool:
-        if pts is None or pts not in self._refused:
-            return False
-        self._refused.remove(pts)
-        return True
-
-    def touch(self, frame: VideoFrame) -> bool:
-        """Whether the frame builds on a broken one."""
-        if self._last is None:
-            return False
-        behind = self._last.pts is None or frame.pts is None or frame.pts > self._last.pts
-        if frame.key_frame and behind:
-            self._last = None
-            return False
-        return True
 
 
 def _upright(frame: VideoFrame) -> NDArray[np.uint8]:
