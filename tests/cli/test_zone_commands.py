@@ -656,6 +656,9 @@ def test_a_file_of_a_way_past_zones_that_end_says_when_it_is_where(run: Path, tm
     assert [time[11:21] for time in properties["times"]] == ["00:00:01.0", "00:00:58.7", "00:01:08.7"]
     assert (properties["expires"], properties["clearance_m"]) == (True, 0.5)
     assert properties["zones_at"].startswith("2026-01-01T00:00:01")
+    # Whoever reads a screen is told too: a run of yesterday looks like a fresh one.
+    (told,) = [line for line in command(*way, "--expires").splitlines() if "as the crow flies" in line]
+    assert told.endswith(f"by the zones of {properties['zones_at']}")
 
 
 def test_places_on_earth(run: Path) -> None:

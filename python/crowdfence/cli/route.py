@@ -205,7 +205,7 @@ def route(
         return
     console.stdout().print(
         f"{found.length_m:.1f} m over {len(found.waypoints) - 2} turns, "
-        f"{found.direct_m:.1f} m as the crow flies",
+        f"{found.direct_m:.1f} m as the crow flies, by the zones of {report['zones_at']}",
         soft_wrap=True,
     )
     for place in report["waypoints"]:
