@@ -9,7 +9,7 @@
 - `enforcement` `inside`                what the autopilot will not do with them
 - `vehicle_memory`      which shapes are ours
 - `synchronise`         all of these: a vehicle's fence made equal to the zones
-- `zone_source` `service_zones` `debounce` `watch`      zones that change
+- `placed_zones` `zone_source` `service_zones` `debounce` `watch`      zones that change
 - `fence_geojson`       a fence as a file
 """
 
@@ -19,11 +19,12 @@ from crowdfence.fence_sync.fence_error import FenceError
 from crowdfence.fence_sync.fence_event import FenceEvent
 from crowdfence.fence_sync.fence_geojson import fence_geojson
 from crowdfence.fence_sync.ground_station import GroundStation
+from crowdfence.fence_sync.placed_zones import PlacedZones
 from crowdfence.fence_sync.service_zones import ServiceZones, is_address
 from crowdfence.fence_sync.synchronise import FenceKeeper, FenceReport
 from crowdfence.fence_sync.transport import open_transport
 from crowdfence.fence_sync.watch import FenceWatch, WatchPlan
-from crowdfence.fence_sync.zone_source import PlacedZones, ZoneSource
+from crowdfence.fence_sync.zone_source import ZoneSource
 
 __all__ = [
     "FenceError",

@@ -19,8 +19,9 @@ from crowdfence.fence_sync.fence_event import FenceEvent
 from crowdfence.fence_sync.fence_item import FenceShape, key_of
 from crowdfence.fence_sync.inside import is_closed
 from crowdfence.fence_sync.messages import Position
+from crowdfence.fence_sync.placed_zones import PlacedZones
 from crowdfence.fence_sync.synchronise import FenceKeeper
-from crowdfence.fence_sync.zone_source import PlacedZones, ZoneSource
+from crowdfence.fence_sync.zone_source import ZoneSource
 from crowdfence.iso_time import iso_utc
 from crowdfence.zones import Zone
 

@@ -7,7 +7,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.fence_sync.fence_error import FenceError
+from crowdfence.fence_sync.placed_zones import PlacedZones
 from crowdfence.fence_sync.service_zones import ServiceZones
 from crowdfence.georeference import Georeference
 from crowdfence.result_folder import HISTORY, open_history, stamp_of
@@ -35,29 +36,6 @@ _LEAST_EARTH_M, _MOST_EARTH_M = 6_335_000.0, 6_400_000.0
 """Radii of curvature."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlacedZones:
-    """Zones, and where on Earth their local frame lies."""
-
-    zones: tuple[Zone, ...]
-    georeference: Georeference
-    begun_ns: int | None = None
-    """The first instant of the mission that they are of, where it is told."""
-
-    def at(self, stamp_ns: int) -> tuple[Zone, ...]:
-        """Without those that ended before a stamp by themselves."""
-        return tuple(
-            zone for zone in self.zones if zone.valid_until_ns is None or zone.valid_until_ns > stamp_ns
-        )
-
-    def with_margin(self, margin_m: float) -> PlacedZones:
-        """With all ground within a distance of them, at the heights to which it falls away from the local
-        plane."""
-        if margin_m == 0.0:
-            return self
-        return replace(self, zones=tuple(_with_margin(zone, margin_m) for zone in self.zones))
-
-
 class ZoneSource:
     """A place where zones are written, and files of others that stay closed beside them."""
 
@@ -73,6 +51,7 @@ class ZoneSource:
         self._place = place if isinstance(place, ServiceZones) else Path(place)
         self._at = at
         self._margin_m = margin_m
+        self._wider: dict[int, tuple[Zone, Zone]] = {}
         self._static = list(static_zones)
         self._others: PlacedZones | None = None
         self.left_out: list[str] = []
@@ -84,11 +63,30 @@ class ZoneSource:
         """What is there now, and the zones of others. OSError, or ValueError that names the file."""
         try:
             placed = self._read()
-            together = replace(placed, zones=(*placed.zones, *self._others_beside(placed)))
-            return together.with_margin(self._margin_m)
+            zones = (*placed.zones, *self._others_beside(placed))
+            return replace(placed, zones=self._with_margins(zones) if self._margin_m > 0.0 else zones)
         except OSError:
             self._mark = None  # what could not be read may be readable later, and be the same file
             raise
+
+    def _with_margins(self, zones: Sequence[Zone]) -> tuple[Zone, ...]:
+        """Of zones that are those of the last time, as those of others, what was worked out then."""
+        # With the zone itself, so that nothing else comes to have its number.
+        self._wider = {id(zone): self._wider.get(id(zone)) or (zone, self._wide(zone)) for zone in zones}
+        return tuple(self._wider[id(zone)][1] for zone in zones)
+
+    def _wide(self, zone: Zone) -> Zone:
+        """With all ground within the margin, at the heights to which it falls away from the local plane."""
+        if zone.polygon.is_empty:
+            return zone
+        wider = grown(zone.polygon, self._margin_m)
+        (low_m, high_m), (lower_m, upper_m) = _heights(zone.polygon), _heights(wider)
+        return replace(
+            zone,
+            polygon=wider,
+            lower_m=zone.lower_m + lower_m - low_m,
+            upper_m=zone.upper_m + upper_m - high_m,
+        )
 
     def _others_beside(self, placed: PlacedZones) -> tuple[Zone, ...]:
         """In the same local frame."""
@@ -100,22 +98,18 @@ class ZoneSource:
 
     def _read(self) -> PlacedZones:
         if isinstance(self._place, ServiceZones):
-            return self._anchored(self._place.read(), self._place.url)
+            return self._place.read()
         self._mark = self._stat(self._place)
         if self.is_of_one_instant:
             file = _file(self._place)
-            return self._anchored(file.read_bytes(), str(file))
+            placed = placed_geojson(file.read_bytes(), str(file), self._anchor)
+            self._anchor = placed.georeference
+            return placed
         history = open_history(self._place)
         if history.georeference is None:
             raise FenceError(f"{self._place}: the run has no place on Earth, so its zones cannot be sent")
         zones = history.at(stamp_of(self._at, history)).closed
         return PlacedZones(zones, history.georeference, history.stamps_ns[0])
-
-    def _anchored(self, data: bytes, name: str) -> PlacedZones:
-        """In one local frame as long as that is near."""
-        placed = placed_geojson(data, name, self._anchor)
-        self._anchor = placed.georeference
-        return placed
 
     @property
     def is_of_one_instant(self) -> bool:
@@ -227,19 +221,6 @@ def _middle(corners: NDArray[np.float64]) -> tuple[float, float]:
     east = first + (corners[:, 0] - first + 180.0) % 360.0 - 180.0
     longitude = ((east.min() + east.max()) / 2 + 180.0) % 360.0 - 180.0
     return float((corners[:, 1].min() + corners[:, 1].max()) / 2), float(longitude)
-
-
-def _with_margin(zone: Zone, margin_m: float) -> Zone:
-    if zone.polygon.is_empty:
-        return zone
-    wider = grown(zone.polygon, margin_m)
-    (low_m, high_m), (lower_m, upper_m) = _heights(zone.polygon), _heights(wider)
-    return replace(
-        zone,
-        polygon=wider,
-        lower_m=zone.lower_m + lower_m - low_m,
-        upper_m=zone.upper_m + upper_m - high_m,
-    )
 
 
 def _heights(outline: Polygon | MultiPolygon) -> tuple[float, float]:
