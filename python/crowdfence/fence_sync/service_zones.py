@@ -128,7 +128,8 @@ class ServiceZones:
         except (OSError, HTTPException) as error:
             why = error.reason if isinstance(error, URLError) else error
             words = one_line(why) if isinstance(why, Exception) else why
-            raise ConnectionError(f"{self.url}: no answer: {words}") from error
+            hint = "; give it as --ca" if isinstance(why, ssl.SSLCertVerificationError) else ""
+            raise ConnectionError(f"{self.url}: no answer: {words}{hint}") from error
 
 
 def _zones(told: Iterable[Mapping[str, Any]]) -> Iterable[Zone]:
