@@ -202,3 +202,21 @@ def test_zones_do_not_go_on_from_another_map() -> None:
     again = FrameLoop(CrowdMap.from_bytes(loop.crowd_map.to_bytes(), FLOOR), ZoneConfig())
     again.restore(loop.to_bytes())
     assert len(again.look_again(START_NS + SECOND_NS)) == 1
+
+
+def test_a_loop_that_goes_on_with_a_larger_buffer_has_it_at_once() -> None:
+    """Its ground does not change, and only zones whose ground does are outlined at a step."""
+    loop = FrameLoop(CrowdMap(FLOOR, Or()), ZoneConfig(buffer_m=1.0))
+    loop.step([view("a", 20.0, crowd_in(slice(2, 4), slice(3, 5)))], START_NS)
+    saved, map_bytes = loop.to_bytes(), loop.crowd_map.to_bytes()
+
+    def bounds_after(config: ZoneConfig) -> tuple[float, ...]:
+        again = FrameLoop(CrowdMap.from_bytes(map_bytes, FLOOR), config)
+        again.restore(saved)
+        (zone,) = again.look_again(START_NS).zones
+        return zone.polygon.bounds
+
+    # Crowd from x 19 to 21 and y 9 to 11; corners are rounded outward.
+    assert bounds_after(ZoneConfig(buffer_m=1.0)) == pytest.approx((18.0, 8.0, 22.0, 12.0), abs=0.1)
+    assert bounds_after(ZoneConfig(buffer_m=5.0)) == pytest.approx((14.0, 4.0, 26.0, 16.0), abs=0.1)
+    assert bounds_after(ZoneConfig()) == (19.0, 9.0, 21.0, 11.0)

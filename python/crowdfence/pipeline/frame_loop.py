@@ -115,8 +115,8 @@ class FrameLoop:
             return len(lost).to_bytes(8, "little") + lost + self._engine.to_bytes()
 
     def restore(self, data: bytes) -> None:
-        """What `to_bytes` gave, for a loop made with the same settings around the crowd map of that moment.
-        ValueError for anything else."""
+        """What `to_bytes` gave, for a loop around the crowd map of that moment. Where `ZoneConfig` is another
+        one than before, its buffer and the like hold at once. ValueError for anything else."""
         end = 8 + int.from_bytes(data[:8], "little")
         try:
             masses = {drone: CrowdMass(**mass) for drone, mass in json.loads(data[8:end]).items()}

@@ -121,6 +121,7 @@ class ZoneEngine:
             **self._ground.tracker.arrays(),
         }
         told = {
+            "rules": asdict(self.rules),
             "evidence": {
                 name: {drone: asdict(look) for drone, look in looks.items()}
                 for name, looks in self._evidence.items()
@@ -133,8 +134,8 @@ class ZoneEngine:
         return file.getvalue()
 
     def restore(self, data: bytes) -> None:
-        """What `to_bytes` gave, for an engine made with the same rules on the crowd map of that moment.
-        ValueError for anything else."""
+        """What `to_bytes` gave, for an engine on the crowd map of that moment. Of other rules than before, a
+        larger buffer, its own hold at once. ValueError for anything else."""
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
                 told = json.loads(arrays["told"].tobytes())
@@ -157,8 +158,13 @@ class ZoneEngine:
                     for name, looks in told["evidence"].items()
                 }
                 self._ground.tracker.restore(told, arrays)
-                self._shapes.restore(told["outlines"], self._ground.tracker.alive)
-        except (KeyError, TypeError, EOFError, OSError, BadZipFile) as error:
+                alive = self._ground.tracker.alive
+                # Builds of before did not say which rules they kept: those of now, as they asked for.
+                if told.get("rules", asdict(self.rules)) == asdict(self.rules):
+                    self._shapes.restore(told["outlines"], alive)
+                else:
+                    self._shapes.draw(alive)
+        except (KeyError, TypeError, EOFError, OSError, RuntimeError, BadZipFile) as error:
             raise ValueError(f"that is no state of zones: {type(error).__name__} {error}") from error
 
     def _seen_in(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -288,6 +294,12 @@ class _Shapes:
             crowd = shapely.from_wkb(crowd_hex)
             closed = crowd if closed_hex is None else shapely.from_wkb(closed_hex)
             self._shapes[track.id] = self._shape(track.columns, crowd, closed)
+
+    def draw(self, alive: Sequence[Track]) -> None:
+        """Their outlines anew: those of before were drawn by other rules, and only columns that change are
+        outlined at a step."""
+        outlined = self._outlined([track.columns for track in alive])
+        self._shapes = {track.id: shape for track, shape in zip(alive, outlined, strict=True)}
 
     def step(self, tracks: Sequence[Track], stamp_ns: int) -> tuple[list[_Shape], list[ZoneEvent]]:
         """The shape of each zone, and which of them close other ground than before."""

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from crowdfence.plain_values import make_plain
 from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
 from crowdfence.zones.safety_distance import MOST_M
 
@@ -59,6 +60,7 @@ class ZoneRules:
         return grows or self.max_vertices is not None
 
     def __post_init__(self) -> None:
+        make_plain(self)
         if not 0.0 < self.threshold <= 1.0:
             raise ValueError(f"threshold is {self.threshold:g}; it must be in (0, 1]")
         if not self.off_threshold > 0.0:
