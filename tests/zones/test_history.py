@@ -201,3 +201,24 @@ def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str, messa
     )
     with pytest.raises(ZoneHistoryError, match=rf"history\.jsonl {message}"):
         ZoneHistory.read(path)
+
+
+def test_sets_that_are_not_in_order_are_no_history() -> None:
+    """At a stamp the set of an earlier instant would be told: here no zone, where one is closed."""
+    zones = DrawnZones((6, 6))
+    nothing = zones.step(np.zeros((6, 6)))
+    crowd = zones.step(np.pad(np.ones((4, 4)), 1))
+    assert (len(nothing), len(crowd)) == (0, 1)
+    for stamps_ns in ([SECOND_NS, 0], [SECOND_NS, SECOND_NS], np.array([5, 4])):
+        with pytest.raises(ValueError, match="stamps of zone sets must increase"):
+            ZoneHistory(stamps_ns, [crowd, nothing], None, {})
+    with pytest.raises(ValueError, match="stamps of zone sets are whole nanoseconds"):
+        ZoneHistory([0.0, 1.76e9], [nothing, crowd], None, {})
+
+
+def test_stamps_of_numpy_are_written_and_read(tmp_path: Path) -> None:
+    zones = DrawnZones((6, 6))
+    sets = [zones.step(np.zeros((6, 6))), zones.step(np.pad(np.ones((4, 4)), 1))]
+    history = ZoneHistory(np.array([0, SECOND_NS]), sets, None, {})
+    history.write(tmp_path / "history.jsonl")
+    assert ZoneHistory.read(tmp_path / "history.jsonl").stamps_ns == [0, SECOND_NS]

@@ -13,6 +13,8 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from hashlib import sha256
+from itertools import pairwise
+from operator import index
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +47,8 @@ class ZoneHistoryError(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZoneHistory:
-    """Zone sets by stamp, in order."""
+    """Zone sets by stamp, in order. ValueError for stamps that are no whole numbers, or that do not increase:
+    of two instants of one stamp, as where a view came late, the zones are those of the later step."""
 
     stamps_ns: Sequence[int]
     sets: Sequence[ZoneSet]
@@ -57,10 +60,18 @@ class ZoneHistory:
     """What the rim of the map encloses, in local metres (`known_ground`); None where nobody says."""
 
     def __post_init__(self) -> None:
-        if not self.stamps_ns or len(self.stamps_ns) != len(self.sets):
+        if len(self.stamps_ns) == 0 or len(self.stamps_ns) != len(self.sets):
             raise ValueError(
                 f"{len(self.stamps_ns)} stamps for {len(self.sets)} zone sets; there must be any"
             )
+        try:
+            stamps_ns = [index(stamp_ns) for stamp_ns in self.stamps_ns]
+        except TypeError as error:
+            raise ValueError("stamps of zone sets are whole nanoseconds since 1970") from error
+        for before_ns, stamp_ns in pairwise(stamps_ns):
+            if stamp_ns <= before_ns:  # an earlier set would be told for a later stamp
+                raise ValueError(f"stamp {stamp_ns} follows {before_ns}; stamps of zone sets must increase")
+        object.__setattr__(self, "stamps_ns", stamps_ns)
 
     def __len__(self) -> int:
         return len(self.sets)
