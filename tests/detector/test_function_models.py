@@ -40,6 +40,19 @@ def test_a_batch_calls_the_function_for_each() -> None:
     assert highest == [0.0, 1.0]
 
 
+def test_a_function_may_write_every_answer_into_one_buffer() -> None:
+    """As detectors with an output of their own do; the heatmaps of before stay as they were."""
+    buffer = np.zeros((64, 96), np.float32)
+
+    def brightest(image: np.ndarray) -> np.ndarray:
+        buffer[:] = image.max() / np.float32(255.0)
+        return buffer
+
+    detector = Detector.from_callable(brightest)
+    highest = [float(heatmap.max()) for heatmap in detector.batch([BLACK + 255, BLACK])]
+    assert highest == [1.0, 0.0]
+
+
 def test_a_contract_adds_rates_and_validity() -> None:
     given = document(validity={"gsd_m": [0.05, 0.1]}, target_height_m=1.5)
     detector = Detector.from_callable(lambda image: np.zeros((16, 24)), contract=given)

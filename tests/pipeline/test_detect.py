@@ -9,6 +9,7 @@ import io
 import json
 import shutil
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,24 @@ def test_a_model_looks_ahead_by_one_instant(recorded: Path, model: Path, terrain
     assert not looked_at[third.stamp_ns].is_set()
     assert next(detected)[0] is second and looked_at[third.stamp_ns].wait(60.0)
     assert [instant for instant, _ in detected] == instants[2:]
+
+
+def test_a_function_beside_a_model_looks_at_one_picture_at_a_time(
+    recorded: Path, model: Path, terrain: Terrain
+) -> None:
+    """Many keep something from picture to picture, an output or a graph, and are not safe for threads."""
+    looking = threading.Lock()
+
+    def alone(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+        assert looking.acquire(blocking=False)
+        time.sleep(0.01)
+        looking.release()
+        return np.zeros((image.shape[0] // 4, image.shape[1] // 4), np.float32)
+
+    both = Detector.combined([Detector(model), Detector.from_callable(alone, stride=4)])
+    heatmaps = heatmap_source(both, terrain, 300.0)
+    found = list(heatmaps.detected(open_recording(recorded).instants(), 3))
+    assert sum(len(views.views) for _, views in found) == 18
 
 
 def test_the_pictures_decide_not_the_recorded_heatmaps(recorded: Path, model: Path, terrain: Terrain) -> None:

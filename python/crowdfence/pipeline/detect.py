@@ -70,10 +70,10 @@ class HeatmapSource:
 
         An ONNX model looks at the drones of an instant side by side, one thread each, which share its
         session, and at the next instant while the caller works on this one. Of other functions nobody knows
-        whether they may be called so.
+        whether they may be called so, nor of a combination that has one.
         """
         video = StillVideo() if video is None else video
-        if self.model is None and not any(member.path for member in self.members):
+        if self.model is None and not (self.members and all(member.path for member in self.members)):
             for instant in instants:
                 yield instant, video.moving(instant.views(self.heatmap_of), instant)
             return

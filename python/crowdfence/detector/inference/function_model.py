@@ -47,7 +47,8 @@ class HeatmapFunction:
                     f"the function gave {cells} {axis} for {pixels} pixels; stride {self._stride} gives "
                     f"{-(-pixels // self._stride)}"
                 )
-        return np.asarray(in_unit_range(given, "the function's heatmap"), np.float32)
+        # A copy: functions that write every answer into one buffer would change this one with the next.
+        return np.array(in_unit_range(given, "the function's heatmap"), np.float32)
 
     def heatmaps(
         self, images: Sequence[Image], gsd_m: Sequence[Gsd | None], *, as_it_is: bool = False
