@@ -10,7 +10,7 @@ from PIL import Image
 
 import crowdfence as cf
 from crowdfence import CrowdMass
-from crowdfence.config import EvidenceConfig, PaperConfig, RunConfig, ZoneConfig
+from crowdfence.config import EvidenceConfig, MethodConfig, OrConfig, PaperConfig, RunConfig, ZoneConfig
 from crowdfence.exports.frames_csv import FrameRow
 from crowdfence.pipeline.lost_crowd import LOST, lost_crowd_warning, lost_crowd_warnings, shares
 
@@ -44,13 +44,13 @@ def test_drones_that_lose_more_than_a_hundredth_are_named_largest_loss_first() -
     assert four.startswith("uav4: 100.0% of the crowd it shows is not on the map: 100.0% has no ray")
 
 
-def hovering(folder: Path, heatmap: int) -> cf.Recording:
-    """Three frames of one drone 20 m above a plain, with a crowd in the middle of each."""
+def hovering(folder: Path, heatmap: int, *, frames: int = 3, every_ns: int = 10**8) -> cf.Recording:
+    """Frames of one drone 20 m above a plain, with a crowd in the middle of each."""
     (folder / "heatmaps").mkdir()
     pixels = np.zeros((48, 64), np.uint8)
     pixels[10:30, 20:40] = heatmap
     rows = ["drone,stamp_ns,x,y,z,qw,qx,qy,qz"]
-    for stamp_ns in range(10**18, 10**18 + 3 * 10**8, 10**8):
+    for stamp_ns in range(10**18, 10**18 + frames * every_ns, every_ns):
         rows.append(f"a,{stamp_ns},30,30,20,0,1,0,0")
         Image.fromarray(pixels).save(folder / "heatmaps" / f"a_{stamp_ns}.png")
     (folder / "poses.csv").write_text("\n".join(rows) + "\n")
@@ -89,6 +89,15 @@ def test_crowd_that_became_one_or_was_not_there_is_not(
     plain = cf.Terrain.from_height_map(np.zeros((60, 60)), cell_size_m=1.0)
     warnings = cf.run(hovering(tmp_path, heatmap), plain, config).warnings
     assert not any("no ground ever reached" in one for one in warnings)
+
+
+@pytest.mark.parametrize("method", [OrConfig(b_threshold=0.97), PaperConfig(prior=0.2, b_threshold=0.97)])
+def test_crowd_below_the_threshold_of_the_methods_own_is_told(tmp_path: Path, method: MethodConfig) -> None:
+    """242 of 255 is .949, at every look of a flight over 3.5 s."""
+    plain = cf.Terrain.from_height_map(np.zeros((60, 60)), cell_size_m=1.0)
+    run = cf.run(hovering(tmp_path, 242, frames=8, every_ns=5 * 10**8), plain, RunConfig(method))
+    assert not run.zones.closed
+    assert any("every look of a shows crowd on" in one and "nothing is closed" in one for one in run.warnings)
 
 
 def test_crowd_beside_a_zone_that_no_look_brings_above_the_threshold_is_told(tmp_path: Path) -> None:

@@ -21,6 +21,9 @@ LEAST_LOOKS = 5
 """In a row. No method with its defaults needs more to call crowd what a detector is sure of."""
 LEAST_S = 3.0
 """From the first of them to the last."""
+_SHOWN = 0.5
+"""A larger value shows crowd, whatever a method takes for one: its own threshold may be what is out of
+reach."""
 _EVERY_NS = 1_000_000_000
 """Over a flight it is looked for so often: what is told lasts for seconds."""
 NearClosed = Callable[[NDArray[np.int64], float], NDArray[np.bool_]]
@@ -44,8 +47,8 @@ class UnheededCrowd:
     while others add."""
 
     def __init__(self, terrain: Terrain, shows_crowd: float) -> None:
-        """`shows_crowd`: a larger value says that a drone saw crowd."""
-        self._terrain, self._shows_crowd = terrain, shows_crowd
+        """`shows_crowd`: a larger value says to the method that a drone saw crowd."""
+        self._terrain, self._shows_crowd = terrain, min(shows_crowd, _SHOWN)
         self._rows = np.empty(0, _ROW)
         self._drones: list[str] = []
         """By their number in the rows."""
