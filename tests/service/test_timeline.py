@@ -10,7 +10,7 @@ import shapely
 
 from crowdfence.service import timeline as timeline_module
 from crowdfence.service.store import Store
-from crowdfence.service.timeline import LostMomentError, Moment, Timeline
+from crowdfence.service.timeline import LostMomentError, Moment, Timeline, forget_before
 from crowdfence.zones import Zone, ZoneEvent, ZoneSet
 
 NAME = 'a"b\\ü$.of'
@@ -249,6 +249,22 @@ def test_a_crowd_that_grew_while_the_disk_was_full_is_not_told_as_it_was_before(
     with pytest.raises(LostMomentError):
         timeline.at(3_000_000_000)
     store.close()
+
+
+def test_what_was_closed_before_the_history_that_is_kept_is_not_nothing(tmp_path: Path) -> None:
+    """A crowd at every second from the first on; after 120 moments those before the 101st are forgotten."""
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    zone = Zone.of_no_look("Z1", shapely.box(0, 0, 2, 2), "crowd", "seen")
+    for number in range(1, 121):
+        timeline.add(Moment(number, number * 1_000_000_000, ZoneSet((zone,), 0.5, 0.0, 0, 0.0), {}, {}))
+    assert timeline.at(500_000_000) is None  # nobody had seen anything
+    store.written(lambda connection: forget_before(connection, 110_000_000_000))
+    kept = timeline.at(101_000_000_000)
+    with pytest.raises(LostMomentError, match="the history that is kept begins later"):
+        timeline.at(60_000_000_000)
+    store.close()
+    assert kept is not None and [one.id for one in kept.zones] == ["Z1"]
 
 
 @pytest.mark.parametrize("field", ["line = x'00'", "line = 'text'", "marks = '{'", "figures = '{'"])

@@ -149,8 +149,8 @@ class Mission:
         return self.publish(stamp_ns)
 
     def opening(self, stamp_ns: int) -> Moment:
-        """What holds before anybody saw anything, or before what is kept of it: the zones that somebody else
-        drew, and, with `close_unseen`, all ground. Of no history."""
+        """What holds before anybody saw anything: the zones that somebody else drew, and, with
+        `close_unseen`, all ground. Of no history."""
         figures = {**self._figures(self._unseen, self._unseen), "seen_m2": 0.0}
         return Moment(0, stamp_ns, self._unseen, {}, figures)
 

@@ -104,9 +104,13 @@ class Timeline:
     def at(self, stamp_ns: int) -> Moment | None:
         """The last moment up to a stamp; None before the first. Steps that came behind what an operator did,
         with stamps of before, are in it: they are what was known of that stamp last. LostMomentError where it
-        may be one that is missing, or rests on one: what has not changed since is told there alone."""
+        may be one that is missing, or rests on one: what has not changed since is told there alone; and where
+        it was before all that are kept."""
         last = self._last_of("moments", stamp_ns)
         if last is None:
+            ((first,),) = self._store.rows("SELECT MIN(number) FROM moments")
+            if first not in (None, 1):  # they count from 1: nobody saw anything before that one alone
+                raise LostMomentError(_FORGOTTEN)
             return None
         number, then_ns = last
         rows = self._store.rows(
@@ -257,6 +261,7 @@ class Timeline:
 
 
 _LOST = "what was closed then is not known: nothing could be written at moment {} of the history"
+_FORGOTTEN = "what was closed then is not known any more: the history that is kept begins later"
 _DAMAGED = "what was known then is lost: moment {} of the history is damaged"
 _IS_WHOLE = (
     "typeof(stamp_ns) = 'integer' AND CASE WHEN json_valid(figures) THEN json_type(figures) = 'object' END"
