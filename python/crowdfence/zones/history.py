@@ -71,7 +71,6 @@ class ZoneHistory:
         for before_ns, stamp_ns in pairwise(stamps_ns):
             if stamp_ns <= before_ns:  # an earlier set would be told for a later stamp
                 raise ValueError(f"stamp {stamp_ns} follows {before_ns}; stamps of zone sets must increase")
-        object.__setattr__(self, "stamps_ns", stamps_ns)
 
     def __len__(self) -> int:
         return len(self.sets)
@@ -110,7 +109,7 @@ class ZoneHistory:
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
             file.write(_json_line(header))
             for stamp_ns, zones in zip(self.stamps_ns, self.sets, strict=True):
-                file.write(_json_line(history_line(stamp_ns, zones, before)))
+                file.write(_json_line(history_line(int(stamp_ns), zones, before)))
                 before = zones
 
     @staticmethod
