@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crowdfence.planner import ClearAir, Conflict
+from crowdfence.planner import ClearAir, Conflict, safe_route
 from crowdfence.zones import AltitudeBand, Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
 
@@ -92,6 +93,23 @@ def test_nothing_is_clear_beyond_the_ground_of_the_map() -> None:
     assert anywhere.is_clear(points, 0).tolist() == [True, True, True, True, False, True]
     smaller = ClearAir(zone_set(SQUARE), within=shapely.box(0, 0, 40, 40))
     assert smaller.is_clear([(30, 30, 0), (50, 50, 0)], 0).tolist() == [True, False]
+
+
+def test_threads_may_ask_at_once() -> None:
+    """A lake of 3 m around (20, 20) is no ground. Where they ask one prepared shape, the process dies."""
+    ground = shapely.box(0, 0, 60, 60).difference(shapely.Point(20, 20).buffer(3.0, quad_segs=500))
+    known = replace(history(zone_set(SQUARE)), ground=ground)
+    points = np.random.default_rng(1).uniform(0, 60, (2000, 3))
+    in_lake = np.hypot(*(points[:, :2] - 20.0).T) < 3.0
+    expected = ~in_lake & ~(points[:, :2] <= 10.0).all(axis=1)
+    for _ in range(20):
+        air = ClearAir(known)
+        with ThreadPoolExecutor(8) as threads:
+            for answer in threads.map(lambda _, air=air: air.is_clear(points, 0), range(8)):
+                np.testing.assert_array_equal(answer, expected)
+    safe_route((15, 0), (60, 60), zone_set(SQUARE).closed, within=ground)
+    # Of all who hold the shape nobody else may be asking it meanwhile.
+    assert not shapely.is_prepared(ground)
 
 
 def test_of_a_map_without_ground_nothing_is_clear() -> None:

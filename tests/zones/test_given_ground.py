@@ -54,6 +54,13 @@ def test_a_hole_of_the_map_is_no_ground() -> None:
     assert heights.below(shapely.box(3, 1, 4, 4)) == (300.0, 301.0)
 
 
+def test_an_outline_is_left_as_it_is() -> None:
+    """A prepared one must not be asked by several threads, and those of zones are everybody's."""
+    outline = shapely.box(1, 1, 4, 4)
+    assert not GroundHeights(hill((2, 2))).hold(outline)
+    assert not shapely.is_prepared(outline)
+
+
 def test_an_outline_grows_as_the_verticals_lean() -> None:
     """At sqrt(32) m from the anchor and 301 m up they are 32^.5 * 301 / 6.335e6 = 0.27 mm off."""
     (zone,) = on_ground([given(shapely.box(1, 1, 4, 4))], hill())

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from crowdfence.prepared import prepared
 from crowdfence.zones import Zone
 
 if TYPE_CHECKING:
@@ -34,8 +35,7 @@ class GroundOfShapes:
         """Lowest and highest local height of the ground of those zones that lie in the shape."""
         import shapely
 
-        shapely.prepare(shape)
-        inside = shapely.intersects(shape, self._outlines)
+        inside = shapely.intersects(prepared(shape), self._outlines)
         lowest_m, highest_m = self._heights_m[inside if inside.any() else slice(None)].T
         return float(lowest_m.min()), float(highest_m.max())
 

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.errors import quoted
 from crowdfence.planner.place_and_time import as_area, as_places, as_stamps
+from crowdfence.prepared import prepared
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import ZoneHistory
 
@@ -57,7 +58,7 @@ class ClearAir:
     """Questions about the zones of a mission, or of one moment; vectorised.
 
     Clear means in no zone, not seen empty: make the run with `ZoneConfig(close_unseen=True)` to keep off what
-    nobody has seen.
+    nobody has seen. Threads may share one.
     """
 
     def __init__(
@@ -71,8 +72,6 @@ class ClearAir:
         """A `ZoneSet` by itself holds at every stamp, and knows no map: `within` is the area beyond which
         nothing is clear. A `ZoneHistory` brings its own, the ground of its map, where `within` is None;
         `beyond_map` leaves it out. ValueError for an area whose outline crosses itself."""
-        import shapely
-
         self._within = as_area(within)
         if isinstance(zones, ZoneHistory):
             self._stamps_ns = np.asarray(zones.stamps_ns, dtype=np.int64)
@@ -84,7 +83,6 @@ class ClearAir:
             self._sets = [zones]
         else:
             raise TypeError(f"zones are {quoted(zones)}; they must be a ZoneHistory or a ZoneSet")
-        shapely.prepare(self._within)
         self._expires = expires
         self._closed: dict[int, _Closed] = {}
 
@@ -161,7 +159,9 @@ class ClearAir:
 
         if self._within is None:
             return np.ones(len(shapes), dtype=np.bool_)
-        return np.asarray(shapely.covers(self._within, shapes))
+        # Anew for every question: threads may ask at once. For one shape it would only cost.
+        area = prepared(self._within) if len(shapes) > 1 else self._within
+        return np.asarray(shapely.covers(area, shapes))
 
     def _stays(self, legs: _Legs) -> NDArray[np.bool_]:
         """Whether legs [N] do."""

@@ -23,6 +23,7 @@ from crowdfence.planner.open_ground import ground_round, way_over_open_ground
 from crowdfence.planner.place_and_time import MOST_PLACE_M, MOST_STAMP_NS, as_area, as_stamps, told
 from crowdfence.planner.timed_way import earliest_way
 from crowdfence.planner.zones_met import ZonesMet
+from crowdfence.prepared import prepared
 from crowdfence.unmasked import require_unmasked
 from crowdfence.zones import Zone
 from crowdfence.zones.zone import closed_of
@@ -113,7 +114,7 @@ def safe_route(
     _require_free("start", ends[0], (lasting, ending), clearance_m, within)
     # A goal in a zone that ends can be reached after its end.
     _require_free("goal", ends[1], (lasting,), clearance_m, within)
-    shapely.prepare(within)
+    within = None if within is None else prepared(within)
     area, few, rough_rounds = None, False, 0
     while True:
         try:

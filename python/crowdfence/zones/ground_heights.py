@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
+from crowdfence.prepared import prepared
 from crowdfence.zones.regions import Runs
 from crowdfence.zones.tracker import column_keys, column_places
 
@@ -52,8 +53,7 @@ class GroundHeights:
         size_m, origin = self._terrain.voxel_size_m, self._terrain.origin
         low = np.stack([runs.i, runs.south], axis=1) * size_m + origin[:2] + ROUNDING_M
         high = np.stack([runs.i + 1, runs.north], axis=1) * size_m + origin[:2] - ROUNDING_M
-        shapely.prepare(outline)
-        return not shapely.intersects(outline, shapely.box(*low.T, *high.T)).any()
+        return not shapely.intersects(prepared(outline), shapely.box(*low.T, *high.T)).any()
 
     def within(self, outline: Polygon | MultiPolygon) -> tuple[float, float] | None:
         """Local heights of the underside of the lowest and the top of the highest voxel in the bounds of an
