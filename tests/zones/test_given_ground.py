@@ -75,6 +75,16 @@ def test_what_has_its_ground_keeps_it() -> None:
     assert on_ground([known], hill()) == (known,)
 
 
+def test_of_a_zone_set_all_that_it_closes_stays_closed() -> None:
+    """As a sequence it is its crowds alone: what others drew would be open in the mission after."""
+    drawn = DrawnZones((1, 1)).drawn("#")
+    before = replace(drawn, static=(given(shapely.box(1, 1, 4, 4)),))
+    crowd_map = crowd_map_of([(i, j, 300) for i in range(9) for j in range(9)], np.zeros(81))
+    for second, closes in ((1, True), (2, False)):
+        zones = FrameLoop(crowd_map, ZoneConfig(), before, closes=closes).step([], second * 10**9).zones
+        assert [zone.id for zone in zones.static] == [drawn[0].id, "HOSP"]
+
+
 def test_a_frame_loop_puts_them_on_its_ground() -> None:
     crowd_map = crowd_map_of([(i, j, 300) for i in range(9) for j in range(9)], np.zeros(81))
     for second, closes in ((1, True), (2, False)):

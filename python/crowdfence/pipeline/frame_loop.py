@@ -63,8 +63,9 @@ class FrameLoop:
         *,
         closes: bool = True,
     ) -> None:
-        """`static_zones` are zones that somebody else drew: they are part of every step's zones. `closes`:
-        what is found is closed, as crowd is. ValueError as `ZoneEngine` has it."""
+        """`static_zones` are zones that somebody else drew: they are part of every step's zones; of a
+        `ZoneSet` all that it closes. `closes`: what is found is closed, as crowd is. ValueError as
+        `ZoneEngine` has it."""
         self.crowd_map = crowd_map
         rules = zones.rules(crowd_map.default_threshold(), crowd_map.coverage)
         self.threshold = rules.threshold

@@ -28,6 +28,7 @@ from crowdfence.service.seen_columns import SeenColumns
 from crowdfence.service.timeline import Moment, Timeline
 from crowdfence.zones import Zone, ZoneSet
 from crowdfence.zones.history import history_line, zone_set_of_line, zones_digest
+from crowdfence.zones.zone import closed_of
 
 if TYPE_CHECKING:
     from crowdfence.pipeline.detect import HeatmapSource
@@ -71,7 +72,7 @@ class Mission:
         self.heatmaps = heatmaps
         self.ground = Ground(terrain)
         self.timeline = timeline
-        self._static = tuple(static_zones)
+        self._static = closed_of(static_zones)
         # Views pass the gate, recordings their reader: both judge clocks, and drones may be away for a day.
         crowd_map = config.crowd_map(terrain, fleet_size or max(1, len(drones)), max_gap_s=float("inf"))
         self.loop = FrameLoop(crowd_map, config.zones, static_zones)

@@ -35,7 +35,7 @@ from crowdfence.zones.simplify import simplified
 from crowdfence.zones.sorted_keys import are_among
 from crowdfence.zones.tracker import Track, ZoneEvent, column_keys, column_places
 from crowdfence.zones.unseen import UnseenGround
-from crowdfence.zones.zone import Reason, Zone, ZoneSet
+from crowdfence.zones.zone import Reason, Zone, ZoneSet, closed_of
 from crowdfence.zones.zone_ground import ZoneGround
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class ZoneEngine:
         require_above_prior(crowd_map, rules.threshold)
         self.rules = rules
         self._crowd_map = crowd_map
-        self._static = tuple(static)
+        self._static = closed_of(static)
         self._ground = ZoneGround(crowd_map, rules)
         self._shapes = _Shapes(crowd_map.terrain, rules)
         self._unseen = UnseenGround(crowd_map.terrain) if rules.close_unseen else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from crowdfence._core import Terrain
 from crowdfence.zones.ground_heights import GroundHeights
-from crowdfence.zones.zone import Zone
+from crowdfence.zones.zone import Zone, closed_of
 
 SMALLEST_EARTH_RADIUS_M = 6.335e6
 """Of curvature: along meridians at the equator."""
@@ -21,10 +21,11 @@ def on_ground(given: Sequence[Zone], terrain: Terrain) -> tuple[Zone, ...]:
     A place in degrees is a vertical, and verticals far from the anchor lean: the outline, which was laid out
     at the anchor's height, grows by as much as they do between there and the ground (5 cm at 1 km and 300 m).
     """
-    if all(zone.ground_is_known for zone in given):
-        return tuple(given)
+    zones = closed_of(given)
+    if all(zone.ground_is_known for zone in zones):
+        return zones
     heights = GroundHeights(terrain)
-    return tuple(zone if zone.ground_is_known else _placed(zone, heights) for zone in given)
+    return tuple(zone if zone.ground_is_known else _placed(zone, heights) for zone in zones)
 
 
 def _placed(zone: Zone, heights: GroundHeights) -> Zone:

@@ -25,7 +25,7 @@ from crowdfence.iso_time import iso_utc
 from crowdfence.zones.altitude_band import AltitudeBand
 from crowdfence.zones.evidence import DroneEvidence
 from crowdfence.zones.tracker import ZoneEvent
-from crowdfence.zones.zone import Zone, ZoneSet, are_same
+from crowdfence.zones.zone import Zone, ZoneSet, are_same, closed_of
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -312,5 +312,5 @@ def polygon_of(parts: Sequence[Sequence[Sequence[Sequence[float]]]]) -> Polygon 
 
 def with_static(history: ZoneHistory, static: Sequence[Zone]) -> ZoneHistory:
     """The same with zones that somebody else drew, at every instant."""
-    sets = [replace(zones, static=(*zones.static, *static)) for zones in history.sets]
+    sets = [replace(zones, static=(*zones.static, *closed_of(static))) for zones in history.sets]
     return replace(history, sets=sets)

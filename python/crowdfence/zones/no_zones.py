@@ -8,7 +8,7 @@ import numpy as np
 
 from crowdfence._core import CrowdMap, Observation
 from crowdfence.zones.rules import ZoneRules
-from crowdfence.zones.zone import Zone, ZoneSet
+from crowdfence.zones.zone import Zone, ZoneSet, closed_of
 
 
 class NoZones:
@@ -17,7 +17,7 @@ class NoZones:
     def __init__(self, crowd_map: CrowdMap, rules: ZoneRules, static: Sequence[Zone] = ()) -> None:
         self.rules = rules
         self._crowd_map = crowd_map
-        self._zones = ZoneSet((), rules.threshold, rules.min_area_m2, 0, 0.0, static=tuple(static))
+        self._zones = ZoneSet((), rules.threshold, rules.min_area_m2, 0, 0.0, static=closed_of(static))
         self.crowd_voxel_ids = np.empty(0, dtype=np.int64)
         """Voxels at or above the threshold at the last step, sorted."""
         self.shown_ids = np.empty(0, dtype=np.int64)
