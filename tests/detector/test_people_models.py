@@ -179,6 +179,26 @@ def test_detections_that_cannot_be_are_refused(tmp_path: Path, rows: Any, messag
 
 
 @pytest.mark.parametrize(
+    ("row", "values", "message"),
+    [
+        # Logits: of nobody below 0, and -0.5 * -0.8 would be a score of 0.4.
+        ("class_scores", [-3.0, 2.0], r"gives detection 0 the score -3; allowed: 0 to 1"),
+        ("objectness_class_scores", [-0.5, -0.8], r"gives detection 0 the score -0.5; allowed: 0 to 1"),
+        # The class, 0, and then the score.
+        ("score_class", [0.0, 0.9], r"gives detection 0 the class 0.9; .* does the class stand before the"),
+    ],
+)
+def test_values_that_are_no_scores_leave_nobody_out_in_silence(
+    tmp_path: Path, row: str, values: list[float], message: str
+) -> None:
+    """Three people, class 0, on one spot."""
+    rows = np.array([[50, 34, *values]] * 3)
+    detector = people(tmp_path / "m.onnx", rows, output__row=row, output__class_index=0)
+    with pytest.raises(DetectorError, match=message):
+        detector(BLACK, GSD_M)
+
+
+@pytest.mark.parametrize(
     ("rows", "changes", "message"),
     [
         # 12 x 24 pixels around (60, 40), read as corners.

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.contract.two_corners import are_two_corners
+from crowdfence.detector.inference.map_output import ROUNDING
 from crowdfence.detector.inference.overlap_removal import strongest_boxes
 from crowdfence.errors import DetectorError
 
 MAX_DETECTIONS = 10_000
 """Of one run of the model, above `score_min`. More is a wrong contract, not a crowd."""
+_CLASS_ROUNDING = 0.01
+"""By which the number of a class may miss a whole one."""
 
 Rows = NDArray[np.float64]
 
@@ -191,21 +194,41 @@ def _scores(rows: Rows, contract: Contract) -> Rows:
     if output.row == "none":
         return np.ones(len(rows))
     if output.row == "class_scores":
-        scores = rows[:, [first + index for index in wanted]].max(axis=1, initial=0.0)
-    elif output.row == "objectness_class_scores":
-        best = rows[:, [first + 1 + index for index in wanted]].max(axis=1, initial=0.0)
-        scores = rows[:, first] * best
-    elif output.row == "score_class":
-        scores = np.where(np.isin(rows[:, first + 1], wanted), rows[:, first], 0.0)
-    else:
-        scores = rows[:, first]
-    wrong = (scores < 0.0) | (scores > 1.0)
+        return _in_unit_range(rows[:, [first + index for index in wanted]], output.name).max(axis=1)
+    if output.row == "objectness_class_scores":
+        # Each by itself: the product of two logits of nobody is above 0.
+        columns = [first, *(first + 1 + index for index in wanted)]
+        objectness, *of_class = _in_unit_range(rows[:, columns], output.name).T
+        return np.asarray(objectness * np.max(of_class, axis=0))
+    scores = rows[:, first]
+    if output.row == "score_class":
+        scores = np.where(np.isin(_whole_classes(rows[:, first + 1], output.name), wanted), scores, 0.0)
+    return _in_unit_range(scores[:, None], output.name)[:, 0]
+
+
+def _in_unit_range(scores: Rows, name: str) -> Rows:
+    """Scores [N, K]; a negative one is a logit, and so are those beside it that lie in [0, 1]."""
+    wrong = (scores < -ROUNDING) | (scores > 1.0 + ROUNDING)
+    if wrong.any():
+        at, of = np.argwhere(wrong)[0]
+        raise DetectorError(
+            f"output {name} gives detection {at} the score {scores[at, of]:g}; allowed: 0 to 1"
+        )
+    return scores.clip(0.0, 1.0)
+
+
+def _whole_classes(classes: Rows, name: str) -> Rows:
+    """Numbers of classes [N]. Of a score that stands in their place, people's class 0 would be the score, and
+    nobody be found."""
+    whole = np.rint(classes)
+    wrong = np.abs(classes - whole) > _CLASS_ROUNDING
     if wrong.any():
         at = int(np.flatnonzero(wrong)[0])
         raise DetectorError(
-            f"output {output.name} gives detection {at} the score {scores[at]:g}; allowed: 0 to 1"
+            f"output {name} gives detection {at} the class {classes[at]:g}; allowed: whole numbers; does the "
+            "class stand before the score?"
         )
-    return np.asarray(scores)
+    return whole
 
 
 def _corners(boxes: Rows, contract: Contract, model_shape: tuple[int, int]) -> Rows:
