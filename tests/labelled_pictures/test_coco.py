@@ -271,6 +271,8 @@ IMAGE = {"id": 7, "file_name": "a.jpg", "width": 64, "height": 48}
             r"annotations\[0\].image_id is 8, which is no image",
         ),
         (document({"bbox": [1, 2, 3, 4], "image_id": [8]}), "allowed: a whole number or text"),
+        (document({"bbox": [1, 2, 3, 4], "iscrowd": "1"}), r"\[0\].iscrowd is '1'; allowed: 0 or 1"),
+        (document({"bbox": [1, 2, 3, 4], "ignore": 2}), r"annotations\[0\].ignore is 2; allowed: 0 or 1"),
         (document(categories=[{"id": 1}]), r"categories\[0\].name is None"),
         (
             document(categories=[{"id": 1, "name": "car"}, {"id": 1, "name": "crowd"}]),

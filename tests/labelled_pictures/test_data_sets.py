@@ -96,6 +96,7 @@ def test_pictures_are_found_by_any_spelling_of_their_kind(tmp_path: Path, suffix
         ("1\n" * 100_001, "has 100,001 lines; allowed: 100,000"),
         ("1,1,10,20,4,8,1,1,0,0\n", r"line 1: '1,1,10,20,4,8,1,1,0,0'; allowed: 8 finite numbers"),
         ("10,,20,4,8,1,1,0,0\n", "allowed: 8 finite numbers"),
+        ("9,9,4,8,1,4,0,0\n\n20,9,-4,8,1,1,0,0\n", r"txt: a box of -4 x 8 pixels; allowed: at least 0"),
     ],
 )
 def test_wrong_lines_are_named(tmp_path: Path, text: str, message: str) -> None:

@@ -128,10 +128,11 @@ def _pictures(document: object, folder: Path, roles: Mapping[str, Role]) -> list
         if category not in names:
             raise AnnotationError(f"{place}.category_id is {quoted(category)}, which is no category")
         role = role_of.get(category)
-        if role == "person" and row.get("iscrowd") == 1:
+        is_group, is_ignored = (_flag(row.get(name), f"{place}.{name}") for name in ("iscrowd", "ignore"))
+        if role == "person" and is_group:
             role = "crowd"
-            groups[key] += isinstance(row.get("segmentation"), dict) and row.get("ignore") != 1
-        if role is not None and row.get("ignore") == 1:
+            groups[key] += isinstance(row.get("segmentation"), dict) and not is_ignored
+        if role is not None and is_ignored:
             role = "ignore"
         if role is None:
             left_out.setdefault(key, []).append(names[category])
@@ -289,6 +290,13 @@ def _key(value: object, place: str, name: str) -> int | str:
     if isinstance(value, bool) or not isinstance(value, (int, str)):
         raise AnnotationError(f"{place}.{name} is {quoted(value)}; allowed: a whole number or text")
     return value
+
+
+def _flag(value: object, where: str) -> bool:
+    """Of what is neither, as of "1", nobody knows whether a group of people is one person."""
+    if value is not None and value not in (0, 1):  # true and false are 1 and 0
+        raise AnnotationError(f"{where} is {quoted(value)}; allowed: 0 or 1")
+    return value == 1
 
 
 def _side(value: object, where: str) -> int:

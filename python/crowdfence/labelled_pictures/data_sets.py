@@ -88,6 +88,10 @@ def stored_turned(pictures: Sequence[AnnotatedPicture]) -> list[Path]:
 def _visdrone(folder: Path, options: ImportOptions) -> Iterator[AnnotatedPicture]:
     for image, labels in _pairs(folder, "visdrone", options.every):
         rows = _table(labels, 8, separator=",")
+        if (turned := rows[(rows[:, 2:4] < 0.0).any(axis=1)]).size:
+            # Written as COCO, it would be refused by whoever opens the import.
+            width, height = turned[0, 2:4]
+            raise AnnotationError(f"{labels}: a box of {width:g} x {height:g} pixels; allowed: at least 0")
         score, kind = rows[:, 4], rows[:, 5]
         are_people = np.isin(kind, _VISDRONE_PEOPLE)
         people = rows[are_people & (score != 0)]
