@@ -239,7 +239,8 @@ def test_features_of_ed318_may_lack_properties_or_ground(tmp_path: Path) -> None
         ed318(geometry)["features"][0]
         for geometry in (None, circle, {"type": "Polygon", "coordinates": [SQUARE]})
     )
-    features = [{**first, "properties": None}, second, {**last, "properties": None}, first]
+    no_parts = ed318({"type": "MultiPolygon", "coordinates": []})["features"][0]
+    features = [{**first, "properties": None}, second, {**last, "properties": None}, first, no_parts]
     path = tmp_path / "zones.json"
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     read = open_static_zones(path, ANCHOR)
@@ -247,6 +248,7 @@ def test_features_of_ed318_may_lack_properties_or_ground(tmp_path: Path) -> None
     assert read.left_out == (
         "feature 1: no geometry, closes no ground",
         "ABC1234: no geometry, closes no ground",
+        "ABC1234: no polygon, closes no ground",
     )
 
 

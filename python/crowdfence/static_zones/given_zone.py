@@ -109,15 +109,17 @@ def local_zones(
     given: Iterable[GivenZone], georeference: Georeference, taken: set[str], left_out: list[str]
 ) -> list[Zone]:
     """The zones in local metres. A name that is too long for an id, taken or like one of ours is replaced by
-    a number; `taken` receives the ids, `left_out` what is too far away, and that all of it is where exchanged
-    coordinates would be near. ValueError for an outline that is empty, crosses itself in the area of the
-    mission, is not finite or reaches round the Earth."""
+    a number; `taken` receives the ids, `left_out` what has no part or is too far away, and that all of it is
+    where exchanged coordinates would be near. ValueError for an outline that is empty, crosses itself in the
+    area of the mission, is not finite or reaches round the Earth."""
     import shapely
 
     zones = []
     numbers = count(1)
     exchanged = 0
     for one in given:
+        if not one.parts:
+            left_out.append(f"{one.name}: no polygon, closes no ground")
         exchanged += _would_be_near_exchanged(one, georeference)
         outlines = [_outline(one.name, part, georeference) for part in one.parts]
         left_out += dict.fromkeys(f"{one.name}: {why}" for why in outlines if isinstance(why, str))
