@@ -168,6 +168,26 @@ def test_deepness_segmentor(tmp_path: Path) -> None:
     assert heatmap[2, 3] == 0.75 and heatmap.sum() == 0.75
 
 
+@pytest.mark.parametrize("names", [{"0": "crowd"}, {"0": "ground", "1": "crowd"}])
+def test_the_one_channel_of_a_deepness_segmentor_is_crowd(tmp_path: Path, names: dict[str, str]) -> None:
+    path = deepness_model(tmp_path / "m.onnx", np.full((1, 1, 8, 8), 0.75), class_names=names)
+    assert Detector(path)(np.zeros((16, 16, 3), np.uint8)) == pytest.approx(np.full((8, 8), 0.75))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ({"0": "ground", "1": "road"}, r"class_names has no class named crowd, .* but 'ground, road'"),
+        ({"0": "road"}, r"class_names has no class named crowd, .* but 'road'"),
+        (None, r"class_names are missing: which class is people or crowd\?"),
+    ],
+)
+def test_one_channel_of_another_class_is_no_crowd(tmp_path: Path, names: Any, message: str) -> None:
+    path = deepness_model(tmp_path / "m.onnx", np.zeros((1, 1, 8, 8)), class_names=names)
+    with pytest.raises(DetectorError, match=message):
+        load_contract(path)
+
+
 def test_deepness_detector(tmp_path: Path) -> None:
     path = deepness_model(
         tmp_path / "m.onnx",

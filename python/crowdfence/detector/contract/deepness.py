@@ -73,13 +73,11 @@ def _segmentor(face: ModelFace, size: tuple[int, int]) -> dict[str, Any]:
             f"the output is {face.outputs[0]} for tiles of {size[0]} x {size[1]} pixels; allowed: "
             "[N, classes, rows, columns] with all but N fixed and one whole stride"
         )
-    found = None
-    if channels > 1:
-        names = class_names(face.metadata, "class_names")
-        several = classes_named(names, PEOPLE_NAMES | CROWD_NAMES, "class_names")
-        if len(several) > 1:
-            raise DetectorError(f"class_names has several classes of people: {several}; allowed: 1")
-        found = several[0]
+    # Of one channel too: that of roads would be taken for crowd, and people be nowhere.
+    several = classes_named(_class_names(face), PEOPLE_NAMES | CROWD_NAMES, "class_names")
+    if len(several) > 1:
+        raise DetectorError(f"class_names has several classes of people: {several}; allowed: 1")
+    found = several[0] if channels > 1 else None
     return {"kind": "probability", "layout": "NCHW", "stride": size[0] // width, "class_index": found}
 
 
@@ -87,7 +85,7 @@ def _detector(face: ModelFace, _size: tuple[int, int]) -> dict[str, Any]:
     kind = _value(face, "det_type")
     if kind not in _DETECTORS:
         raise DetectorError(f"det_type is {quoted(kind)}; allowed: {', '.join(_DETECTORS)}")
-    names = class_names(face.metadata, "class_names")
+    names = _class_names(face)
     return {
         "kind": "boxes",
         "box_format": "cxcywh",
@@ -97,6 +95,12 @@ def _detector(face: ModelFace, _size: tuple[int, int]) -> dict[str, Any]:
         "iou_max": _value(face, "det_iou_thresh"),
         **_DETECTORS[kind],
     }
+
+
+def _class_names(face: ModelFace) -> dict[int, str]:
+    if "class_names" not in face.metadata:
+        raise DetectorError("class_names are missing: which class is people or crowd?")
+    return class_names(face.metadata, "class_names")
 
 
 def _tile_size(face: ModelFace) -> tuple[int, int]:
