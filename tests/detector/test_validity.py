@@ -15,6 +15,7 @@ from crowdfence.detector.validity import (
     FlightSample,
     check_ranges,
     sample_flight,
+    shrunk_warning,
     silence_warning,
     statement_warnings,
 )
@@ -150,6 +151,32 @@ def test_what_the_contract_leaves_open_is_said(changes: dict, expected: list[str
     warnings = statement_warnings(replace(CONTRACT, **changes), **HERE, rates_given=False)
     assert len(warnings) == len(expected)
     assert all(part in warning for part, warning in zip(expected, warnings, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("resize", "size", "shown"),
+    [
+        ("letterbox", (640, 640), "640 x 360"),  # a third, of which 1080 rows are 360
+        ("stretch", (640, 640), "640 x 640"),
+        ("letterbox", (960, 960), None),  # half
+        ("stretch", (1920, 360), "1920 x 360"),
+        ("tile", (640, 640), None),
+        ("none", None, None),
+    ],
+)
+def test_pictures_that_a_model_sees_far_smaller_than_they_are(
+    resize: str, size: tuple[int, int] | None, shown: str | None
+) -> None:
+    """0.05 m a pixel are 0.15 at a third."""
+    contract = replace(CONTRACT, input=replace(CONTRACT.input, resize=resize, size=size))
+    warning = shrunk_warning(contract, 1920, 1080, 0.05)
+    if shown is None:
+        assert warning is None
+    else:
+        assert warning is not None
+        assert (
+            f"1920 x 1080 pixels shrunk to {shown}, half of the ground at 0.15 m a pixel or more" in warning
+        )
 
 
 def test_a_method_that_weighs_looks_asks_for_likelihood_ratios_and_not_for_options_that_it_refuses() -> None:

@@ -373,6 +373,20 @@ def test_people_are_brought_to_scale_by_pose_and_map(
         out_of_range.heatmap_of(recording.frames[0])
 
 
+@pytest.mark.parametrize("combined", [False, True])
+def test_a_model_that_sees_pictures_far_smaller_is_told(
+    recorded: Path, model: Path, terrain: Terrain, tmp_path: Path, combined: bool
+) -> None:
+    document = contract(name="small", input__size=[8, 8], input__resize="letterbox")
+    detector = Detector(write_map_model(tmp_path / "small.onnx", document))
+    if combined:
+        detector = Detector.combined([Detector(model), detector])
+    review = pipeline.run(open_recording(recorded), terrain, CONFIG, detector=detector).review
+    assert review is not None
+    (warning,) = (one for one in review.warnings if "shrunk" in one)
+    assert warning.startswith("the detector small is shown pictures of 32 x 24 pixels shrunk to 8 x 6, half")
+
+
 @pytest.mark.parametrize("people_first", [False, True])
 def test_a_combination_is_brought_to_scale_whichever_of_its_members_needs_it(
     recorded: Path, model: Path, terrain: Terrain, tmp_path: Path, people_first: bool

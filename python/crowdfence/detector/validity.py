@@ -24,6 +24,8 @@ TOLERATED_SHARE = 0.01
 """This share of the ground may lie outside without a warning."""
 QUANTILES = (0.05, 0.5, 0.95)
 MOST_VOXEL_RATIO = 1.5
+MOST_SHRUNK = 0.5
+"""Pictures that a model is shown at less than this share of their width or height are worth a warning."""
 
 Quantity = Literal["gsd_m", "distance_m", "tilt_deg"]
 _NAMES: dict[Quantity, tuple[str, str]] = {
@@ -186,6 +188,28 @@ def statement_warnings(
     if weighed_as is not None and (silent := silence_warning(contract)):
         warnings.append(silent)
     return warnings
+
+
+def shrunk_warning(contract: Contract, width: int, height: int, gsd_m: float | None = None) -> str | None:
+    """One sentence where pictures of `width` x `height` pixels are shrunk to the one size that a model takes:
+    people whom it would find at theirs are nobody then, and their ground is called empty. `gsd_m`: metres per
+    pixel that half of the ground in these pictures has at most."""
+    resize, size = contract.input.resize, contract.input.size
+    if size is None or resize not in ("stretch", "letterbox"):
+        return None
+    across, down = size[0] / width, size[1] / height
+    if resize == "letterbox":
+        across = down = min(across, down)
+    if min(across, down) >= MOST_SHRUNK:
+        return None
+    ground = (
+        "" if gsd_m is None else f", half of the ground at {gsd_m / min(across, down):.2g} m a pixel or more"
+    )
+    return (
+        f"the detector {contract.name} is shown pictures of {width} x {height} pixels shrunk to "
+        f"{round(width * across)} x {round(height * down)}{ground}: where people are too small for it then, "
+        "ground is called empty; input.resize 'tile' of its contract shows it pixels as they are"
+    )
 
 
 def silence_warning(contract: Contract) -> str | None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from crowdfence._core import Terrain
 from crowdfence.config import EvidenceConfig, RunConfig
 from crowdfence.config.comparison import LogPoolConfig, MovingAverageConfig
@@ -37,7 +39,7 @@ def review_detector(
         return None
     for contract in (heatmaps.contract, *(member.contract for member in heatmaps.members)):
         _require_no_crowd(contract, recording.layer)
-    from crowdfence.detector.validity import check_ranges, sample_flight, statement_warnings
+    from crowdfence.detector.validity import check_ranges, sample_flight, shrunk_warning, statement_warnings
 
     flight = sample_flight(recording.frames, terrain, max_range_m=configs[0].projection.max_range_m)
     ranges = check_ranges(heatmaps.contract, flight)
@@ -54,6 +56,11 @@ def review_detector(
             weighed_as=_weighed_as(config, recording.layer),
         )
     ]
+    if ranges:
+        largest = max((frame.camera.width, frame.camera.height) for frame in recording.frames)
+        median_m = float(np.median(flight.gsd_m))
+        models = [member.contract for member in heatmaps.members] or [heatmaps.contract]
+        warnings += filter(None, (shrunk_warning(model, *largest, median_m) for model in models))
     for check in ranges:
         warnings += check.warnings(heatmaps.contract.name)
     return DetectorReview(ranges, list(dict.fromkeys(warnings)))
