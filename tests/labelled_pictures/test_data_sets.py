@@ -67,6 +67,17 @@ def test_dronecrowd(tmp_path: Path, nested: bool) -> None:
     assert found.gsd_m == 0.05
 
 
+@pytest.mark.parametrize("shape", [(2, 5), (1, 10)])
+def test_heads_of_dronecrowd_that_lie_across_are_refused(tmp_path: Path, shape: tuple[int, int]) -> None:
+    """Five heads one a column, or all in one row: two people were there, or one."""
+    picture(tmp_path / "images" / "img001001.jpg")
+    (tmp_path / "ground_truth").mkdir()
+    heads = np.arange(10.0).reshape(shape)
+    savemat(tmp_path / "ground_truth" / "GT_img001001.mat", {"image_info": heads})
+    with pytest.raises(AnnotationError, match=r"image_info has shape \[\d, \d+\]; allowed: finite \[N, 2\]"):
+        list(read_data_set("dronecrowd", tmp_path, NOTHING))
+
+
 def test_upcount_states_its_altitude(tmp_path: Path) -> None:
     """90 degrees over 64 pixels from 32 m: 64 m across, 1 m per pixel."""
     picture(tmp_path / "images" / "flight" / "a__32.0.jpg")

@@ -235,7 +235,8 @@ def _heads(path: Path) -> NDArray[np.float64]:
         raise AnnotationError(f"{path} is no MATLAB file with image_info: {one_line(error)}") from None
     if points.size == 0:
         return np.empty((0, 2))
-    if points.ndim != 2 or points.shape[1] < 2 or not np.isfinite(points[:, :2]).all():
+    # Of heads that lie the other way, one a column, all but two would be lost; some give each a number.
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or not np.isfinite(points[:, :2]).all():
         raise AnnotationError(f"{path}: image_info has shape {list(points.shape)}; allowed: finite [N, 2]")
     return points[:, :2]
 
