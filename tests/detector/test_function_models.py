@@ -120,6 +120,32 @@ def test_detections_are_checked(detections: Any, message: str) -> None:
         Detector.from_supervision(lambda image: detections, class_ids=(0,))(BLACK, gsd_m=0.25)
 
 
+@pytest.mark.parametrize(
+    ("boxes", "message"),
+    [
+        (
+            [[0.4, 0.2, 0.6, 0.5]] * 3,
+            r"all 3 boxes of the detections lie within the first pixel: they are frac",
+        ),
+        # Of a picture three times as large.
+        ([[120.0, 30.0, 180.0, 102.0]] * 3, r"3 of 3 boxes .* outside the picture of 96 x 64 pixels"),
+        # x, y, width, height.
+        ([[40.0, 30.0, 20.0, 24.0]] * 3, r"3 of 3 boxes of the detections end before they begin"),
+    ],
+)
+def test_boxes_that_are_no_corners_in_the_picture_are_refused(boxes: Any, message: str) -> None:
+    """They put a crowd into a corner of the picture, or nowhere."""
+    detector = Detector.from_supervision(lambda image: found(np.array(boxes)), class_ids=None)
+    with pytest.raises(DetectorError, match=message):
+        detector(BLACK, gsd_m=0.25)
+
+
+def test_one_box_beside_the_picture_takes_no_others_with_it() -> None:
+    boxes = np.array([[40.0, 10.0, 60.0, 34.0]] * 3 + [[100.0, 10.0, 110.0, 34.0]])
+    detector = Detector.from_supervision(lambda image: found(boxes), class_ids=None)
+    assert detector(BLACK, gsd_m=0.25)[8, 12] == pytest.approx(1 / (1 + math.exp(-0.5 / 0.25)), abs=1e-6)
+
+
 @pytest.mark.parametrize("score_min", [50, float("nan"), -0.1])
 def test_scores_that_nobody_reaches_are_refused(score_min: float) -> None:
     """In percent, or no number at all: nobody would be found, ever."""

@@ -69,14 +69,15 @@ class BoxesFunction:
         scale = GroundScale.of(gsd_m, cells, "boxes")
         rule = output.rule
         assert isinstance(rule, PeopleRule)
-        return crowd_from_people(self._people(self._function(image)), scale, rule, output.stride)
+        people = self._people(self._function(image), image.shape[:2])
+        return crowd_from_people(people, scale, rule, output.stride)
 
     def heatmaps(
         self, images: Sequence[Image], gsd_m: Sequence[Gsd | None], *, as_it_is: bool = False
     ) -> list[Map]:
         return [self.heatmap(image, gsd) for image, gsd in zip(images, gsd_m, strict=True)]
 
-    def _people(self, detections: Any) -> People:
+    def _people(self, detections: Any, shape: tuple[int, int]) -> People:
         boxes = _boxes(detections)
         score = _column(detections, "confidence", len(boxes))
         if score is None:
@@ -91,6 +92,7 @@ class BoxesFunction:
             if class_id is None:
                 raise DetectorError("the detections have no class_id; pass class_ids=None if all are people")
             kept &= np.isin(class_id, self._output.classes)
+        _require_in_picture(boxes[kept], shape)
         return People.in_boxes(boxes[kept], score[kept])
 
 
@@ -130,6 +132,31 @@ def _boxes(detections: Any) -> NDArray[np.float64]:
     if boxes.ndim != 2 or boxes.shape[1] != 4:
         raise DetectorError(f"the detections' xyxy has shape {list(boxes.shape)}; allowed: [N, 4]")
     return boxes
+
+
+def _require_in_picture(boxes: NDArray[np.float64], shape: tuple[int, int]) -> None:
+    """Boxes [N, 4] that are no corners in pixels of the picture put everybody into one corner of it or beyond
+    it, where no crowd is seen any more. A few beyond its edges are mistakes of a model."""
+    (height, width), count = shape, len(boxes)
+    if count == 0:
+        return
+    left, top, right, bottom = boxes.T
+    outside = np.count_nonzero((left > width) | (top > height) | (right < 0.0) | (bottom < 0.0))
+    turned = np.count_nonzero((right < left) | (bottom < top))
+    if 2 * turned > count:
+        raise DetectorError(
+            f"{turned} of {count} boxes of the detections end before they begin; allowed: xyxy, two corners"
+        )
+    if 2 * outside > count:
+        raise DetectorError(
+            f"{outside} of {count} boxes of the detections lie outside the picture of {width} x {height} "
+            "pixels: they are of another size of it"
+        )
+    if count > 1 and np.abs(boxes).max() <= 1.0:
+        raise DetectorError(
+            f"all {count} boxes of the detections lie within the first pixel: they are fractions of the "
+            "picture's sides; allowed: pixels"
+        )
 
 
 def _column(detections: Any, name: str, rows: int) -> NDArray[np.float64] | None:
