@@ -203,7 +203,9 @@ def test_values_that_are_no_scores_leave_nobody_out_in_silence(
     [
         # 12 x 24 pixels around (60, 40), read as corners.
         ([[60, 40, 12, 24, 1.0]] * 3, {}, r"3 of 3 boxes end before they begin; .* 'cxcywh'\?"),
-        ([[54, 28, 66, 52, 1.0]] * 3, {"output__coordinates": "fraction"}, r"3 of 3 people lie far beyond"),
+        ([[54, 28, 66, 52, 1.0]] * 3, {"output__coordinates": "fraction"}, r"3 of 3 people lie beyond"),
+        # Of an input twice as large as the model's.
+        ([[108, 56, 132, 104, 1.0]] * 3, {}, r"3 of 3 people lie beyond the input of 96 x 64 pixels"),
         ([[0.5, 0.4, 0.6, 0.8, 1.0]] * 3, {}, r"all of 3 people lie within the first pixel; .* 'fraction'\?"),
     ],
 )

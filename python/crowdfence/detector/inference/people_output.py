@@ -102,10 +102,13 @@ def _require_in_place(people: People, contract: Contract, model_shape: tuple[int
     output, count, (height, width) = contract.output, len(people.x), model_shape
     if count == 0:
         return
-    far = (people.x < -width) | (people.x > 2 * width) | (people.y < -height) | (people.y > 2 * height)
-    if 2 * np.count_nonzero(far) > count:
+    left, top, right, bottom = people.boxes.T
+    # Points may miss the input by more than a little, of a box some lies in it.
+    over_x, over_y = (width, height) if output.kind == "points" else (0, 0)
+    beyond = (left > width + over_x) | (top > height + over_y) | (right < -over_x) | (bottom < -over_y)
+    if 2 * np.count_nonzero(beyond) > count:
         raise DetectorError(
-            f"output {output.name}: {np.count_nonzero(far)} of {count} people lie far beyond the input of "
+            f"output {output.name}: {np.count_nonzero(beyond)} of {count} people lie beyond the input of "
             f"{width} x {height} pixels; is output.coordinates {output.coordinates!r} right?"
         )
     extent = max(float(np.abs(values).max()) for values in (people.x, people.y, people.width, people.height))
