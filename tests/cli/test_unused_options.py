@@ -91,7 +91,7 @@ def test_what_only_live_views_or_only_replays_take(given: list[str], why: str) -
 def test_an_instant_of_a_file_that_has_one_only(tmp_path: Path) -> None:
     file = tmp_path / "zones.geojson"
     message = refused("fence", "push", str(file), "--link", "udpin:127.0.0.1:0", "--at", "first")
-    assert message.startswith("--at does nothing with zones as GeoJSON, which are of one instant")
+    assert message.startswith("--at does nothing with zones of one instant, as those of GeoJSON or a service")
 
 
 @pytest.mark.parametrize(
