@@ -100,6 +100,34 @@ def test_told_to_end_it_leaves_a_snapshot(tmp_path: Path) -> None:
         assert connection.execute("SELECT MAX(seq) FROM journal").fetchone() == (applied,)
 
 
+ENDED_IN_A_FINALISER = """
+import os, signal, sys
+from pathlib import Path
+from crowdfence.service.server import Address, serve
+from support.small_service import running
+
+class Finalised:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+def ready(address):
+    Finalised()
+
+with running(Path(sys.argv[1])) as service:
+    serve(service, Address(port=0), ready)
+"""
+
+
+def test_told_to_end_where_python_ignores_what_is_raised_it_ends(tmp_path: Path) -> None:
+    """Importing runs finalisers: told to end while it started, it went on for good."""
+    told = [sys.executable, "-c", ENDED_IN_A_FINALISER, tmp_path / "data"]
+    paths = os.pathsep.join(sys.path)
+    done = subprocess.run(
+        told, timeout=60, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and "Exception ignored in" in done.stderr
+
+
 def test_told_to_end_while_views_come_it_keeps_all_that_it_acknowledged(tmp_path: Path) -> None:
     port = free_port()
     acknowledged: dict[tuple[str, int], int] = {}

@@ -171,27 +171,30 @@ def serve(service: Service, address: Address, on_ready: Callable[[str], None]) -
     )
     listening = listen(config)
     _with_room_for_connections()
+    server = uvicorn.Server(config)
     try:
-        with _sigterm_unwinds():
+        with _sigterm_unwinds(server):
             on_ready(address.url(listening.getsockname()[1]))
-            uvicorn.Server(config).run(sockets=[listening])
+            server.run(sockets=[listening])
     finally:
         listening.close()
 
 
 @contextmanager
-def _sigterm_unwinds() -> Iterator[None]:
+def _sigterm_unwinds(server: uvicorn.Server) -> Iterator[None]:
     """While entered, SIGTERM leaves every block that is open, as Ctrl-C does; by itself it would end the
     process on the spot, without a last snapshot. uvicorn raises it again when it is done."""
+
+    def unwind(number: int, frame: FrameType | None) -> NoReturn:
+        # Where it meets a finaliser, as imports have them, Python ignores what is raised.
+        server.should_exit = True
+        raise SystemExit(0)
+
     if current_thread() is not main_thread():  # only that one hears of signals
         yield
         return
-    before = signal(SIGTERM, _unwind)
+    before = signal(SIGTERM, unwind)
     try:
         yield
     finally:
         signal(SIGTERM, before)
-
-
-def _unwind(number: int, frame: FrameType | None) -> NoReturn:
-    raise SystemExit(0)
