@@ -19,6 +19,7 @@ from crowdfence.cli.app import app
 from crowdfence.zones.history import ZoneHistory
 from support.small_zones import SECOND_NS, DrawnZones
 from support.vehicle_emulator import EmulatedVehicle, UdpVehicle, polygon
+from support.watch_events import events_of
 
 FAILED, ALARM = 1, 3
 START_NS = 1_767_225_600 * SECOND_NS
@@ -187,17 +188,6 @@ def test_durations_that_are_none_are_refused(tmp_path: Path, command: str, optio
     given = ["fence", command, str(tmp_path), "--link", "udpin:127.0.0.1:14550", option, value]
     done = CliRunner().invoke(app, given)
     assert done.exit_code == 2 and f"Invalid value for '{option}'" in done.output
-
-
-def events_of(process: subprocess.Popen[str], wanted: str) -> list[dict[str, Any]]:
-    """Lines that `watch --json` prints, up to an event."""
-    assert process.stdout is not None
-    events = []
-    for line in process.stdout:
-        events.append(json.loads(line))
-        if events[-1]["event"] == wanted:
-            return events
-    raise AssertionError((wanted, events))
 
 
 def test_watch_follows_a_file_until_it_is_stopped(served: UdpVehicle, tmp_path: Path) -> None:

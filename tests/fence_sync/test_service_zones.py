@@ -23,6 +23,7 @@ from support.fence_zones import HERE
 from support.on_the_network import on_the_network
 from support.small_service import running, views
 from support.vehicle_emulator import EmulatedVehicle, UdpVehicle
+from support.watch_events import events_of
 
 
 class Answers:
@@ -201,16 +202,6 @@ def watching(url: str, served: UdpVehicle, folder: Path, **more: str) -> subproc
     )
 
 
-def events_until(process: subprocess.Popen[str], wanted: str) -> list[dict[str, Any]]:
-    assert process.stdout is not None
-    events = []
-    for line in process.stdout:
-        events.append(json.loads(line))
-        if events[-1]["event"] == wanted:
-            return events
-    raise AssertionError((wanted, events))
-
-
 def test_a_vehicle_follows_a_live_service_and_keeps_its_fence_while_that_is_away(tmp_path: Path) -> None:
     """The real service and the real command line. The vehicle hovers at (0, 0), 20 m beside the crowd."""
     tokens = tmp_path / "tokens.json"
@@ -225,21 +216,21 @@ def test_a_vehicle_follows_a_live_service_and_keeps_its_fence_while_that_is_away
         address = stack.enter_context(on_the_network(service))
         process = watching(f"http://{address}", served, tmp_path / "state", CROWDFENCE_TOKEN=viewer)
         try:
-            events_until(process, "unchanged")  # nobody has seen a crowd yet
+            events_of(process, "unchanged")  # nobody has seen a crowd yet
             with Client(f"http://{address}", token=drone) as client:
                 for view in views(6):
                     client.give(view)
-            events_until(process, "written")
+            events_of(process, "written")
             closed = len(served.vehicle.items)
             assert closed >= 4
             stack.close()
-            (away,) = events_until(process, "zones_unreadable")[-1:]
+            (away,) = events_of(process, "zones_unreadable")[-1:]
             assert away["level"] == "alarm" and f"http://{address}: no answer" in away["text"]
             assert away["text"].endswith("the last fence stays") and len(served.vehicle.items) == closed
             stack.enter_context(on_the_network(service, port=int(address.rpartition(":")[2])))
             with Client(f"http://{address}", token=operator) as client:
                 client.add_zone([(-40.0, -40.0), (-30.0, -40.0), (-30.0, -30.0)], "an ambulance")
-            events_until(process, "written")
+            events_of(process, "written")
             assert len(served.vehicle.items) > closed
             process.send_signal(signal.SIGINT)
             assert process.wait(60) == 0  # no alarm stands any more

@@ -261,9 +261,11 @@ def _source(
     from crowdfence.fence_sync import ServiceZones, ZoneSource, is_address
     from crowdfence.zones import safety_distance_m
 
-    if not is_address(zones):
+    place: str | ServiceZones = zones
+    if is_address(zones):
+        place = ServiceZones(zones, token=token, ca=ca)
+    else:
         refuse_unused(context, ["token", "ca"], "with zones that are no address of a service")
-    place = ServiceZones(zones, token=token, ca=ca) if is_address(zones) else zones
     return ZoneSource(place, at, static_zones or (), safety_distance_m(buffer or []))
 
 

@@ -49,6 +49,7 @@ def inside(
     closed = _closed(shapes, georeference)
     if not closed:
         return
+    there = None if vehicle.position is None else _within(vehicle.position, closed, georeference)
     if vehicle.position is None:
         yield FenceEvent(
             "position_unknown",
@@ -56,8 +57,8 @@ def inside(
             + ("that is a breach at once" if _keeps_it(vehicle) else "the fence is not kept"),
             alarm=True,
         )
-    elif (place := _within(vehicle.position, closed, georeference)) is not None:
-        yield _vehicle_inside(vehicle, place, closed, zones, georeference)
+    elif there is not None:
+        yield _vehicle_inside(vehicle, there, closed, zones, georeference)
     if vehicle.home is None:
         yield FenceEvent(
             "home_unknown", "the vehicle does not say where its home is; it may lie in the fence"
@@ -70,19 +71,18 @@ def inside(
             + "a return leads into it; move home or land elsewhere",
             alarm=True,
         )
-    elif vehicle.armed and not returns_round and vehicle.position is not None:
+    elif vehicle.armed and not returns_round and vehicle.position is not None and there is None:
         yield from _way_home(vehicle.position, vehicle.home, closed, zones, georeference)
 
 
 def _way_home(
     position: Position, home: Home, closed: Sequence[Any], zones: Sequence[Zone], georeference: Georeference
 ) -> Iterator[FenceEvent]:
+    """From outside of it."""
     import shapely
 
-    here, there = _local(position, georeference), _local(home, georeference)
-    in_it = _within(position, closed, georeference) is not None
-    way = shapely.LineString([here, there])
-    if in_it or shapely.distance(np.array(closed, dtype=object), way).min() > POSITION_ERROR_M:
+    way = shapely.LineString([_local(position, georeference), _local(home, georeference)])
+    if not _is_near(way, closed):
         return
     yield FenceEvent(
         "way_home_closed",
@@ -111,8 +111,14 @@ def _within(
     import shapely
 
     place = _local(where, georeference)
-    nearest_m = shapely.distance(np.array(closed, dtype=object), shapely.Point(place)).min()
-    return place if nearest_m <= POSITION_ERROR_M else None
+    return place if _is_near(shapely.Point(place), closed) else None
+
+
+def _is_near(shape: Point | LineString, closed: Sequence[Any]) -> bool:
+    """As near as positions are off."""
+    import shapely
+
+    return bool(shapely.distance(np.array(closed, dtype=object), shape).min() <= POSITION_ERROR_M)
 
 
 def _local(where: Position | Home, georeference: Georeference) -> NDArray[np.float64]:

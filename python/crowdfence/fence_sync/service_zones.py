@@ -70,10 +70,7 @@ class ServiceZones:
         if self._follows is None:
             self._follows = Thread(target=self._follow, name="service zones", daemon=True)
             self._follows.start()
-        newest = self._newest
-        if newest is None or isinstance(newest, Exception) or self._taken is None:
-            return newest is not None
-        return newest.stamp_ns != self._taken.stamp_ns or newest != self._taken
+        return self._newest is not None and self._newest != self._taken
 
     def close(self) -> None:
         """Ask no more."""

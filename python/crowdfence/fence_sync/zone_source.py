@@ -123,10 +123,6 @@ class ZoneSource:
             return self._place.has_changed()
         return (mark := self._stat(self._place)) is not None and mark != self._mark
 
-    def close(self) -> None:
-        if isinstance(self._place, ServiceZones):
-            self._place.close()
-
     @staticmethod
     def _stat(path: Path) -> tuple[int, ...] | None:
         try:

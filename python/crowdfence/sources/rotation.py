@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Quaternion = tuple[float, float, float, float]
+_UNSET = (1.0, 0.0, 0.0, 0.0)
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
@@ -41,6 +42,12 @@ def rotation_matrix(q: ArrayLike) -> NDArray[np.float64]:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def are_unset(quaternions: NDArray[np.float64]) -> bool:
+    """Whether all of these, [N, 4] (w, x, y, z), are what a message begins with where nobody sets it: level,
+    straight ahead, to the last digit, as no drone and no gimbal ever hangs. False of none."""
+    return bool(len(quaternions) > 0 and (quaternions == _UNSET).all())
 
 
 def are_degrees(yaw: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.bool_]:

@@ -17,15 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crowdfence.sources.film.merged_rows import Turns, headings
-from crowdfence.sources.rotation import multiply
+from crowdfence.sources.rotation import are_unset, multiply
 
 # GIMBAL_DEVICE_FLAGS
 _YAW_LOCK = 16
 _YAW_IN_VEHICLE_FRAME = 32
 _YAW_IN_EARTH_FRAME = 64
-
-_LEVEL = (1.0, 0.0, 0.0, 0.0)
-"""A quaternion (w, x, y, z) that nobody set; to its last digit no gimbal ever hangs so."""
 
 
 def one_gimbal(rows: Mapping[tuple[int, int], int], where: str, remarks: list[str]) -> tuple[int, int]:
@@ -50,7 +47,7 @@ def gimbal_turns(
     none is known where all are level and straight ahead."""
     time = np.asarray(time_s, np.float64)
     turns = np.asarray(quaternions, np.float64).reshape(-1, 4)
-    if len(turns) and bool((turns == _LEVEL).all()):
+    if are_unset(turns):
         remarks.append(
             f"all {len(turns)} rows of the gimbal are level and straight ahead to the last digit, as of one "
             "that does not know where it points: they are not used"

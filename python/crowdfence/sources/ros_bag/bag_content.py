@@ -24,13 +24,12 @@ from crowdfence.sources.ros_bag.topic_choice import (
 )
 from crowdfence.sources.ros_bag.transforms import TransformTree
 from crowdfence.sources.ros_bag.two_clocks import Arrivals
+from crowdfence.sources.rotation import are_unset
 
 Intrinsics = Camera | str
 """A camera, or why there is none."""
 
 _NO_FIX = -1
-_BEGUN_WITH = (1.0, 0.0, 0.0, 0.0)
-"""A quaternion (w, x, y, z) that nobody set, in ROS 2."""
 _NO_ATTITUDE = -1.0
 """Instead of a variance (REP 145); the attitude beside it is what a message begins with, in ROS 2 level."""
 
@@ -46,7 +45,7 @@ class PoseRows:
 
     def track(self) -> tuple[PoseTrack, list[str]]:
         track, remarks = track_from_rows(self.stamps_ns, self.positions, self.quaternions)
-        if len(track) > 1 and bool((track.quaternions == _BEGUN_WITH).all()):
+        if len(track) > 1 and are_unset(track.quaternions):
             remarks.append(
                 f"all {len(track)} attitudes are 0, 0, 0, 1 to the last digit, with which messages begin and "
                 "no drone hangs: where nobody tells the attitude, what was seen is put anywhere; name one "
