@@ -215,7 +215,7 @@ def score(
     highest = np.zeros(terrain.voxel_count, np.float32)
     watched_ns = -np.inf
     looked = 0
-    of_flight = FlightDoubts()
+    of_flight = FlightDoubts(heatmaps, layer)
     compared_ns: list[int] = []
     refused = list(recording.refused)
     instants = recording.instants(first.grouping.tolerance_ms)

@@ -6,6 +6,7 @@
 - `detect`           frames -> heatmaps -> views
 - `frame_loop`       the views of one instant -> what happened, zones included
 - `flight_doubts`    what all views of a flight tell of one another
+- `nobody_shown`     heatmaps that are 0 everywhere, of a whole flight
 - `denied_crowd`     drones that see nobody where others clearly show a crowd
 - `lost_crowd`       crowd that met no ground, or became none anywhere: shares and warnings
 - `unheeded_crowd`   crowd that every look at a place shows, and that never becomes any there

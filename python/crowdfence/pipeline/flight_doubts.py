@@ -10,14 +10,19 @@ from numpy.typing import NDArray
 from crowdfence._core import Observation, View
 from crowdfence.pipeline.blind_drones import BlindDrones
 from crowdfence.pipeline.denied_crowd import DeniedCrowd
+from crowdfence.pipeline.detect import HeatmapSource
 from crowdfence.pipeline.heatmap_units import HeatmapUnits
+from crowdfence.pipeline.nobody_shown import NobodyShown
+from crowdfence.sources.layers import CROWD
 
 
 class FlightDoubts:
     """Looks at views as they pass, and at what came of them."""
 
-    def __init__(self) -> None:
+    def __init__(self, heatmaps: HeatmapSource, layer: str) -> None:
+        """`heatmaps`: who makes them, of which `layer`."""
         self._units, self._denied = HeatmapUnits(), DeniedCrowd()
+        self._nobody = NobodyShown() if heatmaps.kind != "model" and layer == CROWD else None
         self.blind = BlindDrones()
 
     def look(
@@ -27,11 +32,15 @@ class FlightDoubts:
         shows as crowd after it."""
         for view in views:
             self._units.look(view)
+            if self._nobody is not None:
+                self._nobody.look(view)
         self.blind.look(views, observations)
         # What is settled, for which the crowd on the map counts, is asked of a fleet that flies.
         self._denied.look(observations, shown_ids, shown_ids)
 
     def warnings(self, drones: Sequence[str], max_range_m: float) -> list[str]:
-        """Units of heatmaps, `drones` that saw nothing of the map, and those that saw nobody where others
-        did, one sentence each."""
-        return [*self._units.warnings, *self.blind.warnings(drones, max_range_m), *self._denied.warnings]
+        """Units of heatmaps, heatmaps of nobody, `drones` that saw nothing of the map, and those that saw
+        nobody where others did, one sentence each."""
+        nobody = [] if self._nobody is None else self._nobody.warnings
+        of_heatmaps = [*self._units.warnings, *nobody]
+        return [*of_heatmaps, *self.blind.warnings(drones, max_range_m), *self._denied.warnings]

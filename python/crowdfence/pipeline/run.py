@@ -171,7 +171,7 @@ def run(
     last: Step | None = None
     looked = 0
     instants = recording.instants(config.grouping.tolerance_ms)
-    of_flight = FlightDoubts()
+    of_flight = FlightDoubts(heatmaps, recording.layer)
     unheeded = UnheededInFlight(
         terrain,
         crowd_map.method.b_threshold,
