@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import shapely
 
-from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceWatch, WatchPlan, ZoneSource
+from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceWatch, WatchPlan, ZoneFile
 from crowdfence.fence_sync.debounce import Debounce
 from crowdfence.fence_sync.transport import open_transport
 from support.fence_zones import box, station
@@ -99,7 +99,7 @@ class Watched:
         keeper = FenceKeeper(station(self.link), folder / "state")
         self.watch = FenceWatch(
             keeper,
-            ZoneSource(self.path),
+            ZoneFile(self.path),
             WatchPlan(**plan),  # type: ignore[arg-type]
             self.said.append,
             wall_ns=lambda: round((self.wall_s + self.link.now_s) * 1e9),

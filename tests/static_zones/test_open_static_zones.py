@@ -15,7 +15,7 @@ from crowdfence.config import ZoneConfig
 from crowdfence.exports.geographic_outline import geographic_outline
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.sites_geojson import write_sites
-from crowdfence.fence_sync.zone_source import placed_geojson
+from crowdfence.fence_sync.zone_file import placed_geojson
 from crowdfence.static_zones import StaticZoneError, open_static_zones, read_static_zones
 from crowdfence.zones import AltitudeBand, Zone, ZoneEngine
 from crowdfence.zones.given_ground import on_ground

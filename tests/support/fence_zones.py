@@ -1,5 +1,6 @@
 """Zones drawn by a test, and a ground station that talks to emulated vehicles on a clock of its own."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,21 @@ def zone(polygon: shapely.Geometry, name: str = "Z1", ground_m: tuple[float, flo
 
 def box(west: float, south: float, side_m: float = 20.0, name: str = "Z1") -> Zone:
     return zone(shapely.box(west, south, west + side_m, south + side_m), name)
+
+
+def written_zones(path: Path, *boxes: tuple[float, float, float, float], **properties: object) -> Path:
+    """A GeoJSON file of boxes: west, south, east, north in degrees."""
+    features = [
+        {
+            "type": "Feature",
+            "id": f"Z{number}",
+            "geometry": json.loads(shapely.to_geojson(shapely.box(*corners))),
+            "properties": properties,
+        }
+        for number, corners in enumerate(boxes, start=1)
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
 
 
 def station(link: EmulatedLink, patience: Patience | None = None, system: int | None = None) -> GroundStation:

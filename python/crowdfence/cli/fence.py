@@ -19,8 +19,10 @@ from crowdfence.cli.export import At
 from crowdfence.cli.unused_options import refuse_unused
 
 if TYPE_CHECKING:
-    from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceReport, ZoneSource
+    from crowdfence.fence_sync import FenceEvent, FenceKeeper, FenceReport, ZonePlace, ZoneSource
 
+
+_ONE_INSTANT = "with zones of one instant, as those of GeoJSON or a service"
 
 app = typer.Typer(
     help="An autopilot's fence over MAVLink: send zones, read it, keep it equal to zones, clear it.",
@@ -122,13 +124,7 @@ def push(
     The whole list is replaced, read back and compared; shapes of others stay in it. The vehicle keeps the
     fence that it had on any failure.
     """
-    from crowdfence.result_folder import open_history
-
-    source = _source(context, zones, at, static_zones, buffer, token, ca)
-    if source.is_of_one_instant:
-        refuse_unused(context, ["at"], "with zones of one instant, as those of GeoJSON or a service")
-    else:
-        asked_stamp(at, open_history(zones))
+    source = _source(_place(context, zones, at, token, ca), static_zones, buffer)
     wanted = source.read()
     for reason in source.left_out:
         console.warn(reason)
@@ -231,7 +227,7 @@ def watch(
     from crowdfence.fence_sync import FenceWatch, WatchPlan
     from crowdfence.stop_request import StopRequest
 
-    source = _source(context, zones, "last", static_zones, buffer, token, ca)
+    source = _source(_place(context, zones, "last", token, ca), static_zones, buffer)
     source.read()  # what is wrong from the beginning is refused, what becomes wrong later is an alarm
     for reason in source.left_out:
         console.warn(reason)
@@ -249,24 +245,28 @@ def watch(
         raise typer.Exit(GATE_NOT_MET)
 
 
-def _source(
-    context: typer.Context,
-    zones: str,
-    at: str,
-    static_zones: list[Path] | None,
-    buffer: list[str] | None,
-    token: str | None,
-    ca: Path | None,
-) -> ZoneSource:
-    from crowdfence.fence_sync import ServiceZones, ZoneSource, is_address
+def _place(context: typer.Context, zones: str, at: str, token: str | None, ca: Path | None) -> ZonePlace:
+    """Where zones are read; options that it has no use for are refused."""
+    from crowdfence.fence_sync import ServiceZones, ZoneFile, is_address
+    from crowdfence.result_folder import open_history
+
+    if is_address(zones):
+        refuse_unused(context, ["at"], _ONE_INSTANT)
+        return ServiceZones(zones, token=token, ca=ca)
+    refuse_unused(context, ["token", "ca"], "with zones that are no address of a service")
+    place = ZoneFile(zones, at)
+    if place.is_of_one_instant:
+        refuse_unused(context, ["at"], _ONE_INSTANT)
+    else:
+        asked_stamp(at, open_history(zones))
+    return place
+
+
+def _source(place: ZonePlace, static_zones: list[Path] | None, buffer: list[str] | None) -> ZoneSource:
+    from crowdfence.fence_sync import ZoneSource
     from crowdfence.zones import safety_distance_m
 
-    place: str | ServiceZones = zones
-    if is_address(zones):
-        place = ServiceZones(zones, token=token, ca=ca)
-    else:
-        refuse_unused(context, ["token", "ca"], "with zones that are no address of a service")
-    return ZoneSource(place, at, static_zones or (), safety_distance_m(buffer or []))
+    return ZoneSource(place, static_zones or (), safety_distance_m(buffer or []))
 
 
 @contextmanager

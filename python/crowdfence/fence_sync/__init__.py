@@ -9,7 +9,8 @@
 - `enforcement` `inside`                what the autopilot will not do with them
 - `vehicle_memory`      which shapes are ours
 - `synchronise`         all of these: a vehicle's fence made equal to the zones
-- `placed_zones` `zone_source` `service_zones` `debounce` `watch`      zones that change
+- `placed_zones` `zone_file` `service_zones` `zone_source`      where the zones come from
+- `debounce` `watch`    zones that change
 - `fence_geojson`       a fence as a file
 """
 
@@ -24,7 +25,8 @@ from crowdfence.fence_sync.service_zones import ServiceZones, is_address
 from crowdfence.fence_sync.synchronise import FenceKeeper, FenceReport
 from crowdfence.fence_sync.transport import open_transport
 from crowdfence.fence_sync.watch import FenceWatch, WatchPlan
-from crowdfence.fence_sync.zone_source import ZoneSource
+from crowdfence.fence_sync.zone_file import ZoneFile
+from crowdfence.fence_sync.zone_source import ZonePlace, ZoneSource
 
 __all__ = [
     "FenceError",
@@ -39,6 +41,8 @@ __all__ = [
     "ServiceZones",
     "StorageCapacity",
     "WatchPlan",
+    "ZoneFile",
+    "ZonePlace",
     "ZoneSource",
     "fence_geojson",
     "is_address",

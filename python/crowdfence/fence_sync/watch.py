@@ -21,7 +21,7 @@ from crowdfence.fence_sync.inside import is_closed
 from crowdfence.fence_sync.messages import Position
 from crowdfence.fence_sync.placed_zones import PlacedZones
 from crowdfence.fence_sync.synchronise import FenceKeeper
-from crowdfence.fence_sync.zone_source import ZoneSource
+from crowdfence.fence_sync.zone_source import ZonePlace
 from crowdfence.iso_time import iso_utc
 from crowdfence.zones import Zone
 
@@ -74,7 +74,7 @@ class FenceWatch:
     def __init__(
         self,
         keeper: FenceKeeper,
-        source: ZoneSource,
+        source: ZonePlace,
         plan: WatchPlan,
         tell: Tell,
         wall_ns: Callable[[], int] = time.time_ns,
