@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from crowdfence import CrowdMap
+from crowdfence import CrowdMap, Zone
+from crowdfence.exports.geographic_outline import geographic_outline, geojson_geometry
 from crowdfence.exports.geojson import write_geojson
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
@@ -90,6 +91,22 @@ def test_no_part_of_a_crowd_cell_is_cut_away(
             south, north = corner[1] + np.array([j, j + 1]) * cell_size_m
             assert shapely.box(west, south, east, north).difference(local).area < 1e-6
         assert local.area < crowd.sum() * (cell_size_m + 0.05) ** 2
+
+
+@pytest.mark.parametrize("seed", [49, 57, 0])
+def test_a_zone_of_needles_is_written_too(seed: int) -> None:
+    """Rounded corners of the first two passed the edges beside them, and not one zone was written."""
+    generator = np.random.default_rng(seed)
+    turn, reach_m = np.sort(generator.uniform(0, 2 * np.pi, 700)), 5 * np.exp(generator.normal(0, 2, 700))
+    star = shapely.Polygon(np.column_stack([reach_m * np.cos(turn), reach_m * np.sin(turn)]))
+    anchor = (46.5, 8.0, 1200.0)
+    outline = geographic_outline(Zone.of_no_look("Z1", star, "static", "no fly"), Georeference(*anchor))
+    assert (
+        outline.is_valid
+        and (shapely.get_coordinates(outline).round(9) == shapely.get_coordinates(outline)).all()
+    )
+    local = shapely.union_all([_to_local(one, anchor, 0.0) for one in polygons(geojson_geometry(outline))])
+    assert local.buffer(1e-6).covers(star) and star.buffer(0.01, join_style="mitre").covers(local)
 
 
 def _to_local(

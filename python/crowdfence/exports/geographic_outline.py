@@ -95,7 +95,8 @@ def geographic_outline(
                 then grown by as much as its longest edge bows
     decimals    of a degree, for formats that keep fewer
 
-    ValueError for a zone within one degree of a pole, and for one too fine for the decimals.
+    ValueError for a zone within one degree of a pole, and where corners are counted for one too fine for the
+    decimals.
     """
     import shapely
 
@@ -113,7 +114,9 @@ def geographic_outline(
         return _on_ground(corners, zone, georeference)
 
     what = f"zone {zone.id}"
-    rounded = in_degrees(grown, on_ground, georeference, decimals, what, straight_m)
+    rounded = in_degrees(
+        grown, on_ground, georeference, decimals, what, straight_m, snapped=max_edge_m is not None
+    )
     if not rounded.is_valid:
         raise ValueError(f"zone {zone.id} is too fine for {decimals} decimals of a degree; use larger voxels")
     return rounded
@@ -126,10 +129,13 @@ def in_degrees(
     decimals: int,
     what: str,
     straight_m: float = 0.0,
+    *,
+    snapped: bool = False,
 ) -> Polygon | MultiPolygon:
     """An outline in longitude and latitude, rounded, and cut at the antimeridian. `on_ground` takes corners
     [C, 2] to local metres [C, 3]; `straight_m`: so far corners may lie from a straight line that takes their
-    place. ValueError that says `what` reaches a pole."""
+    place; `snapped`: edges that would cross for the rounding get further corners. ValueError that says `what`
+    reaches a pole."""
     import shapely
 
     def longitude_latitude(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,7 +152,14 @@ def in_degrees(
     unwrapped = shapely.transform(outline, longitude_latitude)
     if straight_m > 0.0:
         unwrapped = _without_straight_corners(unwrapped, straight_m)
-    return shapely.transform(_cut_at_antimeridian(unwrapped), lambda degrees: degrees.round(decimals))
+    cut = _cut_at_antimeridian(unwrapped)
+    rounded = shapely.transform(cut, lambda degrees: degrees.round(decimals))
+    if snapped and not rounded.is_valid:
+        # Corners of needles may pass the edge beside them. Snapped to the grid, no edge moves by more than a
+        # corner that is rounded does.
+        on_grid = shapely.set_precision(cut, 10.0**-decimals)
+        rounded = shapely.transform(on_grid, lambda degrees: degrees.round(decimals))
+    return rounded
 
 
 def _without_straight_corners(outline: Polygon | MultiPolygon, straight_m: float) -> Polygon | MultiPolygon:
