@@ -69,6 +69,17 @@ def test_a_sloping_plane_of_scattered_points_comes_back_exactly(tmp_path):
     assert {(i, j) for i in range(25, 175) for j in range(25, 175)} <= columns
 
 
+@pytest.mark.parametrize("kind", [8, 11, 20])
+def test_roads_key_points_and_ground_at_breaklines_are_ground(tmp_path, kind):
+    """A road on a dam 3 m above the ground: people on it stand where it is, not where the fields are."""
+    points = grid_points(20, lambda x, y: 5.3)
+    road = np.abs(points[:, 0] - 10) < 2
+    points[road, 2] += 3
+    path = write_las(tmp_path / "road.las", points, np.where(road, kind, 2))
+    terrain = open_terrain(path, assume_local=True, voxel_size_m=1.0)
+    assert heights_m(terrain, [[10.0, 10.0], [4.0, 10.0]]) == pytest.approx([8.3, 5.3], abs=1e-3)
+
+
 def test_bridge_decks_that_are_left_out_are_told(tmp_path):
     """A deck 4 m wide and 10 m above the ground: 4 x 20 points of 400."""
     points = grid_points(20, lambda x, y: 5.3)
@@ -174,7 +185,7 @@ def test_without_ground_class_the_lowest_points_close_the_ground(tmp_path):
     assert {index for index in voxels if index[2] != 0} == {
         (i, j, 6) for i in range(1, 10, 2) for j in range(1, 10, 2)
     }
-    with pytest.raises(MapError, match=r"no point of the ground class \(2\); pass surface='all'"):
+    with pytest.raises(MapError, match=r"no point of ground \(classes 2, 8, 11, 20\); pass surface='all'"):
         open_terrain(path, assume_local=True, surface="ground")
 
 

@@ -43,7 +43,8 @@ Surface = Literal["ground", "all"]
 Chunks = Iterator[tuple[NDArray[np.float64], NDArray[np.bool_]]]
 
 # Classes of ASPRS LAS 1.4 R15, tables 9 and 17.
-GROUND = 2
+GROUND = (2, 8, 11, 20)
+"""Ground, its key points in older files, the surface of roads, and ground beside breaklines."""
 NOISE = (7, 18)
 BRIDGE_DECK = 17
 
@@ -76,11 +77,11 @@ def open_lidar(
 ) -> MapReading:
     """Lidar points -> voxel surface in the local frame.
 
-    - `surface="ground"`: the points of class 2, averaged per voxel column and joined by triangles, so that no
-      ray falls through between two points. `surface="all"`: every voxel that holds a point (roofs, canopies
-      with air below) on top of that ground; without ground class the lowest point of a column is its ground.
-      None: "ground" where the file has that class, else "all". Points marked as noise (classes 7 and 18) or
-      withheld are left out.
+    - `surface="ground"`: the points of ground (classes 2, 8, 11 and 20), averaged per voxel column and joined
+      by triangles, so that no ray falls through between two points. `surface="all"`: every voxel that holds a
+      point (roofs, canopies with air below) on top of that ground; without such points the lowest one of a
+      column is its ground. None: "ground" where the file has such points, else "all". Points marked as noise
+      (classes 7 and 18) or withheld are left out.
     - `max_hole_m`: wider gaps stay holes. In narrower ones, where points are far apart for the file, the
       ground is `unmeasured`.
     - `crs`, `height_unit`, `height_offset_m`, `assume_local`: as in `maps.geotiff.open_geotiff`.
@@ -156,8 +157,8 @@ def _of_holes(survey: _Survey, terrain: Terrain) -> Iterator[str]:
     if in_hole.sum() > _MOST_IN_HOLES * len(in_hole):
         yield (
             f"{in_hole.mean():.0%} of the area that holds points, {in_hole.sum() * size_m**2:,.0f} m2, is a "
-            "hole in the map, because no points of the ground class (2) lie around it: unless that is water, "
-            "crowds there are lost; pass surface='all' to have it"
+            "hole in the map, because no points of ground (classes 2, 8, 11, 20) lie there: unless that is "
+            "water, crowds there are lost; pass surface='all' to have it"
         )
 
 
@@ -228,7 +229,7 @@ class _Survey:
 
     def terrain(self, path: Path, surface: Surface | None, max_hole_m: float) -> Terrain:
         if surface == "ground" and len(self.ground) == 0:
-            raise MapError(path, "has no point of the ground class (2); pass surface='all'")
+            raise MapError(path, "has no point of ground (classes 2, 8, 11, 20); pass surface='all'")
         vertices = self.ground if len(self.ground) else self.lowest
         if len(vertices) == 0:
             raise MapError(path, "has no usable point: all are noise or withheld")
@@ -397,7 +398,7 @@ def _chunks(path: Path, reader: Any, frame: SourceFrame, kinds: Counter[int]) ->
                 f"{reader.header.mins[1]:.10g} to {reader.header.maxs[1]:.10g}; leave that point out of it",
             )
         count += len(points)
-        yield points[usable], (kind == GROUND)[usable]
+        yield points[usable], np.isin(kind, GROUND)[usable]
     if count != reader.header.point_count:
         raise MapError(
             path,
