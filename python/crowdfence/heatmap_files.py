@@ -18,7 +18,7 @@ from crowdfence.atomic_file import require_replaceable
 from crowdfence.detector.blank_picture import blank_reason
 from crowdfence.detector.combination import combination_warnings
 from crowdfence.detector.overlay import caption, overlay
-from crowdfence.detector.validity import tested_range
+from crowdfence.detector.validity import shrunk_warning, tested_range
 from crowdfence.exports.heatmap_folder import HEATMAPS, INDEX, HeatmapFolder
 from crowdfence.exports.video import VideoWriter, video_size
 from crowdfence.iso_time import iso_utc
@@ -81,6 +81,8 @@ def detect_pictures(
     """
     _require_place(folder, source, replace_existing=replace_existing)
     frames, skipped, watch = 0, list[SkippedPicture](), PictureWatch(detector.contract)
+    largest = (0, 0)
+    """Width and height of a picture."""
     with ExitStack() as stack:
         heatmaps = stack.enter_context(HeatmapFolder(folder, replace=replace_existing))
         film = stack.enter_context(VideoWriter(folder / OVERLAY)) if video else None
@@ -91,6 +93,7 @@ def detect_pictures(
             else:
                 picture, heatmap = found
                 unlike = watch.look(_label(picture), picture.rgb)
+                largest = max(largest, picture.rgb.shape[1::-1])
                 watch.answered(heatmap)
                 heatmaps.add(picture.number, picture.name, picture.time_s, heatmap, unlike_tested=unlike)
                 if film is not None:
@@ -104,8 +107,10 @@ def detect_pictures(
             raise ValueError(f"no picture could be used: {reasons}")
     if not video:
         (folder / OVERLAY).unlink(missing_ok=True)  # it would show other heatmaps than those beside it
+    models = [member.contract for member in detector.members] or [detector.contract]
     warnings = (
         *_unknown_scale(detector, gsd_m),
+        *filter(None, (shrunk_warning(model, *largest, gsd_m) for model in models)),
         *combination_warnings(detector.contract),
         *watch.warnings,
     )

@@ -519,6 +519,34 @@ def test_a_recording_becomes_a_mission_with_these_heatmaps(
     assert "seen_uav1.mp4 exists" in line and "--force" in line and not output.exists()
 
 
+def test_ground_of_a_flight_for_which_a_detector_was_not_tested_is_told(tmp_path: Path) -> None:
+    """Here or never: whoever fuses the mission has heatmaps, and not the detector that made them. The
+    cameras of the demo fly 25 to 90 m up."""
+    narrow = {"schema": 1, **contract(), "validity": {"distance_m": [1.0, 5.0]}}
+    model = write_map_model(tmp_path / "narrow.onnx", narrow)
+    done = detect(DEMO, "--model", model, "-o", tmp_path / "seen.mcap", "--every", 30, "--json")
+    assert done.returncode == 0, done.stderr
+    told = [one for one in json.loads(done.stdout)["warnings"] if one.startswith("distance: ")]
+    assert (
+        len(told) == 1 and "100% of the ground seen lies above 5 m, where the detector test model" in told[0]
+    )
+
+
+def test_pictures_that_a_detector_is_shown_at_a_fraction_are_told(tmp_path: Path) -> None:
+    """Of 64 x 48 pixels, the largest of them 192 x 144: there are no people a third as large in it."""
+    small = contract(input__resize="letterbox", input__multiple_of=1) | {}
+    small["input"]["size"] = [64, 48]
+    model = write_map_model(tmp_path / "small.onnx", small)
+    (tmp_path / "pictures").mkdir()
+    for name, side in (("a", 1), ("b", 3)):
+        seen = np.random.default_rng(side).integers(0, 256, (48 * side, 64 * side, 3), np.uint8)
+        Image.fromarray(seen).save(tmp_path / "pictures" / f"{name}.png")
+    done = detect(tmp_path / "pictures", "--model", model, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    told = [one for one in json.loads(done.stdout)["warnings"] if "shrunk" in one]
+    assert len(told) == 1 and "is shown pictures of 192 x 144 pixels shrunk to 64 x 48:" in told[0]
+
+
 def test_the_command_that_fuses_what_was_detected_is_told(model: Path, tmp_path: Path) -> None:
     output = tmp_path / "seen once.mcap"
     done = detect(DEMO, "--model", model, "-o", output, "--every", 30)

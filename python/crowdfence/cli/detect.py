@@ -205,16 +205,20 @@ def _detect_recording(
 ) -> None:
     from crowdfence.config import ProjectionConfig
     from crowdfence.heatmap_files import detect_recording
-    from crowdfence.pipeline import heatmap_source, read_map
+    from crowdfence.pipeline import heatmap_source, read_map, review_flight
     from crowdfence.sources.ground_contact import on_ground
 
     mapped = terrain is not None or recording.terrain is not None
-    wanted = detector.needs_gsd or (detector.uses_gsd and mapped)
+    is_of_ground = detector.uses_gsd or detector.contract.validity is not None
+    wanted = detector.needs_gsd or (is_of_ground and mapped)
     found = read_map(recording, terrain, **map_options) if wanted else None
     ground = None if found is None else found.terrain
     if ground is not None:
         recording = on_ground(recording, ground)
-    heatmaps = heatmap_source(detector, ground, ProjectionConfig().max_range_m)
+    max_range_m = ProjectionConfig().max_range_m
+    heatmaps = heatmap_source(detector, ground, max_range_m)
+    # Whoever fuses heatmaps has only them: what their detector was not tested for is told now or never.
+    of_flight = review_flight(heatmaps, recording, ground, max_range_m).warnings
     with console.progress("detecting", -(-len(recording.frames) // every), "frames") as advance:
         done = detect_recording(
             recording,
@@ -227,7 +231,8 @@ def _detect_recording(
         )
     refused = [*map(str, done.conversion.refused), *done.conversion.omitted]
     told = [*refusal_lines(done.conversion.refused), *done.conversion.omitted]
-    warnings = [*recording.warnings, *(() if found is None else found.doubts), *heatmaps.warnings]
+    of_map = () if found is None else found.doubts
+    warnings = [*recording.warnings, *of_map, *of_flight, *heatmaps.warnings]
     if ground is None:
         warnings.insert(0, f"no map: no range could be checked against those of {detector.contract.name}")
     if as_json:

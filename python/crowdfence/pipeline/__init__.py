@@ -24,7 +24,7 @@ from crowdfence.pipeline.detect import (
     describe_model,
     heatmap_source,
 )
-from crowdfence.pipeline.detector_review import DetectorReview, review_detector
+from crowdfence.pipeline.detector_review import DetectorReview, review_detector, review_flight
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.lost_crowd import lost_crowd_warning, lost_crowd_warnings, shares
 from crowdfence.pipeline.picture_watch import PictureWatch
@@ -50,6 +50,7 @@ __all__ = [
     "open_terrain",
     "read_map",
     "review_detector",
+    "review_flight",
     "run",
     "shares",
     "suitable_model",

@@ -39,10 +39,9 @@ def review_detector(
         return None
     for contract in (heatmaps.contract, *(member.contract for member in heatmaps.members)):
         _require_no_crowd(contract, recording.layer)
-    from crowdfence.detector.validity import check_ranges, sample_flight, shrunk_warning, statement_warnings
+    from crowdfence.detector.validity import statement_warnings
 
-    flight = sample_flight(recording.frames, terrain, max_range_m=configs[0].projection.max_range_m)
-    ranges = check_ranges(heatmaps.contract, flight)
+    of_flight = review_flight(heatmaps, recording, terrain, configs[0].projection.max_range_m)
     warnings = [
         warning
         for config in configs
@@ -56,14 +55,27 @@ def review_detector(
             weighed_as=_weighed_as(config, recording.layer),
         )
     ]
-    if ranges:
-        largest = max((frame.camera.width, frame.camera.height) for frame in recording.frames)
-        median_m = float(np.median(flight.gsd_m))
-        models = [member.contract for member in heatmaps.members] or [heatmaps.contract]
-        warnings += filter(None, (shrunk_warning(model, *largest, median_m) for model in models))
-    for check in ranges:
-        warnings += check.warnings(heatmaps.contract.name)
-    return DetectorReview(ranges, list(dict.fromkeys(warnings)))
+    return DetectorReview(of_flight.ranges, list(dict.fromkeys([*warnings, *of_flight.warnings])))
+
+
+def review_flight(
+    heatmaps: HeatmapSource, recording: Recording, terrain: Terrain | None, max_range_m: float
+) -> DetectorReview:
+    """The contract of the model, which there must be, against the flight alone. Without `terrain` nobody
+    knows how far away its ground is."""
+    from crowdfence.detector.validity import check_ranges, sample_flight, shrunk_warning
+
+    assert heatmaps.contract is not None
+    ranges, median_m = [], None
+    if terrain is not None:
+        flight = sample_flight(recording.frames, terrain, max_range_m=max_range_m)
+        ranges = check_ranges(heatmaps.contract, flight)
+        median_m = float(np.median(flight.gsd_m)) if ranges else None
+    largest = max((frame.camera.width, frame.camera.height) for frame in recording.frames)
+    models = [member.contract for member in heatmaps.members] or [heatmaps.contract]
+    shrunk = filter(None, (shrunk_warning(model, *largest, median_m) for model in models))
+    outside = (warning for check in ranges for warning in check.warnings(heatmaps.contract.name))
+    return DetectorReview(ranges, [*shrunk, *outside])
 
 
 def _require_no_crowd(contract: Contract, layer: str) -> None:
