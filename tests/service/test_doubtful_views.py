@@ -231,3 +231,30 @@ def test_pictures_unlike_all_that_the_detector_was_tested_on_are_told_of_each_dr
     with running(tmp_path / "data", detector=Detector()) as service:
         (told,) = given(service, range(12, 14))
         assert told.cleared_ns is None, "a restart mends nothing"
+
+
+def test_ground_that_the_detector_was_not_tested_on_is_told_of_each_drone(tmp_path: Path) -> None:
+    """As a run tells it of a whole flight: a camera of 12 pixels' focal length, metres from the ground, has
+    far more than 0.05 m to a pixel."""
+    tested = {**contract(), "validity": {"gsd_m": [0.01, 0.05]}}
+    model = write_map_model(tmp_path / "red.onnx", tested)
+
+    def given(service: Service, numbers: range) -> list[Alert]:
+        assert service.live is not None
+        for number in numbers:
+            service.live.intake.give_view(with_picture(number, number))
+        service.live.finish()
+        Watch(service).look()
+        return alerts(service, "untested_ground")
+
+    with running(tmp_path / "data", detector=Detector(model)) as service:
+        assert not given(service, range(9)), "nine prove nothing"
+        (told,) = given(service, range(9, 12))
+        assert (told.level, told.drone, told.cleared_ns) == ("warning", "uav1", None)
+        assert told.text.startswith(
+            "uav1, metres per pixel: 100% of the ground seen lies above 0.05 m, where the detector test "
+            "model was not tested (the middle 90 % of its newest looks: "
+        )
+    with running(tmp_path / "data", detector=Detector(model)) as service:
+        (told,) = given(service, range(12, 14))
+        assert told.cleared_ns is None, "a restart mends nothing"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.detector.contract.contract import Contract
-from crowdfence.detector.ground_sampling import ground_sampling
+from crowdfence.detector.ground_sampling import GroundSampling, ground_sampling
 from crowdfence.sources.recording import Frame
 
 MOST_FRAMES = 120
@@ -43,6 +43,16 @@ class FlightSample:
     distance_m: NDArray[np.float64]
     tilt_deg: NDArray[np.float64]
 
+    @classmethod
+    def of(cls, looks: Sequence[GroundSampling]) -> FlightSample:
+        """All rays of them that hit the ground."""
+
+        def seen(quantity: Quantity) -> NDArray[np.float64]:
+            values = np.concatenate([np.empty(0), *(getattr(look, quantity).ravel() for look in looks)])
+            return values[np.isfinite(values)]
+
+        return cls(seen("gsd_m"), seen("distance_m"), seen("tilt_deg"))
+
 
 @dataclass(frozen=True, slots=True)
 class RangeCheck:
@@ -67,13 +77,15 @@ class RangeCheck:
             "share_above": self.share_above,
         }
 
-    def warnings(self, name: str) -> list[str]:
-        """One sentence for each side on which more than `TOLERATED_SHARE` of the ground lies outside."""
+    def warnings(
+        self, name: str, *, of: str = "this flight", tolerated: float = TOLERATED_SHARE
+    ) -> list[str]:
+        """One sentence for each side on which more than a tolerated share of the ground lies outside."""
         if self.tested is None:
             return []
         what, unit = _NAMES[self.quantity]
         low, middle, high = self.quantiles
-        flight = f"the middle 90 % of this flight: {low:.3g} to {high:.3g} {unit}, median {middle:.3g}"
+        flight = f"the middle 90 % of {of}: {low:.3g} to {high:.3g} {unit}, median {middle:.3g}"
         sides = (
             (self.share_below, "below", self.tested[0]),
             (self.share_above, "above", self.tested[1]),
@@ -82,25 +94,21 @@ class RangeCheck:
             f"{what}: {_percent(share)} of the ground seen lies {side} {bound:.3g} {unit}, where the "
             f"detector {name} was not tested ({flight})"
             for share, side, bound in sides
-            if share > TOLERATED_SHARE
+            if share > tolerated
         ]
 
 
 def sample_flight(frames: Sequence[Frame], terrain: Terrain, *, max_range_m: float) -> FlightSample:
     """Rays from up to `MOST_FRAMES` frames, evenly over the sequence."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(MOST_FRAMES, len(frames))).round().astype(int))
-    found = [
-        ground_sampling(
-            frames[index].camera, frames[index].world_from_camera, terrain, max_range_m=max_range_m
-        )
-        for index in chosen
-    ]
-
-    def seen(quantity: Quantity) -> NDArray[np.float64]:
-        values = np.concatenate([np.empty(0), *(getattr(one, quantity).ravel() for one in found)])
-        return values[np.isfinite(values)]
-
-    return FlightSample(seen("gsd_m"), seen("distance_m"), seen("tilt_deg"))
+    return FlightSample.of(
+        [
+            ground_sampling(
+                frames[index].camera, frames[index].world_from_camera, terrain, max_range_m=max_range_m
+            )
+            for index in chosen
+        ]
+    )
 
 
 def check_ranges(contract: Contract, flight: FlightSample) -> list[RangeCheck]:

@@ -11,6 +11,7 @@
 - `lost_crowd`       crowd that met no ground, or became none anywhere: shares and warnings
 - `unheeded_crowd`   crowd that every look at a place shows, and that never becomes any there
 - `detector_review`  what a model states about itself beside the flight
+- `untested_ground`  ground of newest looks that the detector was not tested on
 - `still_video`      the same picture again and again from a camera that moves
 - `under_ground`     cameras below the map
 - `run`              a whole recording through these

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
     from crowdfence.detector.execution_device import Device
+    from crowdfence.detector.ground_sampling import GroundSampling
 
 HeatmapFunction = Callable[[Frame], Pixels]
 
@@ -220,8 +221,11 @@ def heatmap_source(
             raise TypeError(f"detector is {quoted(detector)}; of a model it is Detector({quoted(detector)})")
         return HeatmapSource("function", _unless_blind(_refusing(detector), layer))
     watch, near_of = PictureWatch(detector.contract), None
-    if not detector.uses_gsd or (terrain is None and gsd_of is None and not detector.needs_gsd):
-        heatmap_of: HeatmapFunction = partial(_detect, detector, watch)
+    heatmap_of: HeatmapFunction
+    if terrain is not None and not detector.uses_gsd and watch.ground.is_known:
+        heatmap_of = partial(_detect_on_ground, detector, watch, terrain, max_range_m)
+    elif not detector.uses_gsd or (terrain is None and gsd_of is None and not detector.needs_gsd):
+        heatmap_of = partial(_detect, detector, watch)
     elif terrain is None and gsd_of is not None:
         heatmap_of = partial(_detect_at_one_scale, detector, watch, gsd_of)
     elif terrain is not None:
@@ -277,6 +281,14 @@ def _detect(detector: Detector, watch: PictureWatch, frame: Frame) -> Pixels:
     return _watched(watch, detector(_image(frame, watch)))
 
 
+def _detect_on_ground(
+    detector: Detector, watch: PictureWatch, terrain: Terrain, max_range_m: float, frame: Frame
+) -> Pixels:
+    """Of a detector that says where it was tested, and looks at all ground alike."""
+    _sampled(watch, terrain, max_range_m, frame, SIZES_GRID)
+    return _detect(detector, watch, frame)
+
+
 def _detect_at_one_scale(
     detector: Detector, watch: PictureWatch, gsd_of: Callable[[Frame], float | None], frame: Frame
 ) -> Pixels:
@@ -297,14 +309,9 @@ def _detect_to_scale(
 ) -> Pixels:
     """`near`: of near ground alone. Where no ground is seen, what the picture shows is at its own size for
     all, and the look is a whole one."""
-    from crowdfence.detector.ground_sampling import ground_sampling
-
     needed = detector.needs_gsd
     counts_people = detector.contract.output.rule is not None or detector.members
-    rows, columns = PEOPLE_GRID if counts_people else SIZES_GRID
-    sampling = ground_sampling(
-        frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=rows, columns=columns
-    )
+    sampling = _sampled(watch, terrain, max_range_m, frame, PEOPLE_GRID if counts_people else SIZES_GRID)
     if sampling.sees_ground and near:
         return detector.near_ground(_image(frame, watch), sampling.along_ground())
     if sampling.sees_ground:
@@ -312,6 +319,19 @@ def _detect_to_scale(
     if needed:
         raise ValueError("sees no ground of the map, so metres per pixel are unknown")
     return _watched(watch, detector(_image(frame, watch), as_it_is=True))
+
+
+def _sampled(
+    watch: PictureWatch, terrain: Terrain, max_range_m: float, frame: Frame, grid: tuple[int, int]
+) -> GroundSampling:
+    from crowdfence.detector.ground_sampling import ground_sampling
+
+    rows, columns = grid
+    sampling = ground_sampling(
+        frame.camera, frame.world_from_camera, terrain, max_range_m=max_range_m, rows=rows, columns=columns
+    )
+    watch.ground.look(frame.drone, sampling)
+    return sampling
 
 
 def _watched(watch: PictureWatch, heatmap: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,5 +1,5 @@
-"""How many pictures of a flight are unlike everything that its detector was tested on, and which; and whether
-the detector sees them at all."""
+"""How many pictures of a flight are unlike everything that its detector was tested on, and which; whether the
+detector sees them at all; and what their ground is like."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from crowdfence.detector.same_answer import SameAnswer
 from crowdfence.detector.shipped import PHOTOGRAPH_MODEL, SHIPPED_MODEL
+from crowdfence.pipeline.untested_ground import UntestedGround
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
@@ -30,6 +31,7 @@ class PictureWatch:
         self._unlike: list[str] = []
         self._of_drones = Counter[tuple[str, bool]]()
         """Pictures by drone, and whether they are unlike the tested ones."""
+        self.ground = UntestedGround(contract)
         self.looked_at = 0
         self.unlike = 0
         """Pictures unlike the tested ones."""

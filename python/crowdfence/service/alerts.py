@@ -33,6 +33,7 @@ AlertKind = Literal[
     "heatmap_units",
     "same_answer",
     "unlike_pictures",
+    "untested_ground",
     "clock",
     "stamps_off",
     "disk",

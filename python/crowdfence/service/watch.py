@@ -95,6 +95,7 @@ class Watch:
         self._detector()
         self._same_answer()
         self._unlike_pictures()
+        self._untested_ground()
         self._no_ground()
         self._lost_crowd()
         self._unheeded_crowd()
@@ -268,6 +269,12 @@ class Watch:
         """Of drones that gave too few pictures since the start to tell, what was raised before stays."""
         for drone, text in self._service.mission.heatmaps.watch.mostly_unlike(LEAST_LOOKED_AT).items():
             self._set(text is not None, "unlike_pictures", "warning", text or "", drone=drone)
+
+    def _untested_ground(self) -> None:
+        """The same."""
+        ground = self._service.mission.heatmaps.watch.ground
+        for drone, text in ground.mostly_untested(LEAST_LOOKED_AT).items():
+            self._set(text is not None, "untested_ground", "warning", text or "", drone=drone)
 
     def _no_ground(self) -> None:
         """Of drones that gave too little since the start to tell, what was raised before stays."""
