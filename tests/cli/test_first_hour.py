@@ -227,6 +227,23 @@ def test_told_to_end_a_command_leaves_nothing_half_written(tmp_path: Path) -> No
     assert [*folder.iterdir(), *temporary.iterdir()] == []
 
 
+def test_told_to_end_where_python_ignores_what_is_raised_a_command_ends(tmp_path: Path) -> None:
+    """Importing runs finalisers: the signal was lost in one, and the command went on for good."""
+    (tmp_path / "laspy.py").write_text(
+        "import os, signal, time\n"
+        "class Finalised:\n"
+        "    def __del__(self):\n"
+        "        os.kill(os.getpid(), signal.SIGTERM)\n"
+        "Finalised()\n"
+        "time.sleep(60)\n"
+    )
+    (tmp_path / "cloud.las").write_bytes(b"LASF")
+    done = crowdfence(
+        "inspect", tmp_path / "cloud.las", PYTHONPATH=os.pathsep.join([str(tmp_path), *sys.path])
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (143, "", "")
+
+
 @pytest.mark.parametrize("closed", [0, 1, 2])
 def test_a_command_works_with_a_closed_stream(tmp_path: Path, closed: int) -> None:
     """As a supervisor may start it, which closes what it does not read."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
-from types import FrameType
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
@@ -21,7 +19,7 @@ from crowdfence.cli.demo import demo
 from crowdfence.cli.detect import detect
 from crowdfence.cli.doctor import doctor
 from crowdfence.cli.evaluate import evaluate
-from crowdfence.cli.exit_codes import ENDED, FAILED, INTERRUPTED
+from crowdfence.cli.exit_codes import FAILED, INTERRUPTED
 from crowdfence.cli.explain import explain
 from crowdfence.cli.export import export
 from crowdfence.cli.fence import app as fence
@@ -33,6 +31,7 @@ from crowdfence.cli.run import run
 from crowdfence.cli.serve import serve
 from crowdfence.cli.simulate import simulate
 from crowdfence.cli.token import app as token
+from crowdfence.cli.told_to_end import unwind_when_told_to_end
 from crowdfence.cli.train import train
 from crowdfence.cli.wording import in_options
 from crowdfence.errors import one_line
@@ -86,8 +85,7 @@ def _options(
 def main() -> None:
     """Run the command line; a failure is one line on stderr. CROWDFENCE_DEBUG=1 shows where it came from."""
     _open_closed_streams()
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, _unwind)
+    unwind_when_told_to_end()
     try:
         check_words(sys.argv[1:])
         command_line(app)()
@@ -125,13 +123,6 @@ def _open_closed_streams() -> None:
             os.open(os.devnull, os.O_RDWR)  # it gets the lowest number that is free, which is this one
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
-
-
-def _unwind(number: int, frame: FrameType | None) -> NoReturn:
-    """SIGTERM leaves every block that is open, as Ctrl-C does: what is half written is removed. A second one
-    ends the process on the spot."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    raise SystemExit(ENDED)
 
 
 def _reraise_for_debugging() -> None:
