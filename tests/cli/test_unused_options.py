@@ -88,6 +88,15 @@ def test_what_only_live_views_or_only_replays_take(given: list[str], why: str) -
     assert refused("serve", *given).startswith(why)
 
 
+@pytest.mark.parametrize(
+    "given", [["--terrain", "dem.tif"], ["--voxel-size-m", "1"], ["--mount", "body:-90"]]
+)
+def test_what_pictures_without_poses_do_not_take(tmp_path: Path, given: list[str]) -> None:
+    """A map tells their metres per pixel of pictures with poses only."""
+    message = refused("detect", str(tmp_path), "-o", str(tmp_path / "out"), *given)
+    assert message == f"{given[0]} does nothing for pictures without poses; leave it out"
+
+
 def test_an_instant_of_a_file_that_has_one_only(tmp_path: Path) -> None:
     file = tmp_path / "zones.geojson"
     message = refused("fence", "push", str(file), "--link", "udpin:127.0.0.1:0", "--at", "first")

@@ -14,8 +14,9 @@ import typer
 from crowdfence.atomic_file import replaceable_file, writable_folder
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.detector_choice import tell_choice
-from crowdfence.cli.option_sets import FlightOptions, SourceOptions, takes
+from crowdfence.cli.option_sets import FlightOptions, MapOptions, SourceOptions, map_options, takes
 from crowdfence.cli.refusals import refusal_lines
+from crowdfence.cli.unused_options import refuse_unused
 from crowdfence.cli.wording import counted, in_options
 from crowdfence.detector.shipped import PHOTOGRAPH_MODEL
 
@@ -25,8 +26,10 @@ if TYPE_CHECKING:
 
 MOST_REASONS_SHOWN = 12
 
+_OF_RECORDINGS = (MapOptions, SourceOptions, FlightOptions)
 
-@takes(SourceOptions, FlightOptions, before="force")
+
+@takes(*_OF_RECORDINGS, before="force")
 def detect(
     context: typer.Context,
     source: Annotated[
@@ -76,9 +79,6 @@ def detect(
         ),
     ] = None,
     enlarge: options.EnlargeOption = options.EnlargeChoice.always,
-    terrain: options.TerrainPath = None,
-    origin: options.Origin = None,
-    assume_local: options.AssumeLocal = False,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
@@ -92,6 +92,8 @@ def detect(
         named_detector, contract=contract, threads=threads, device=device.value, enlarge=enlarge.value
     )
     if not with_poses:
+        for unused in _OF_RECORDINGS:
+            refuse_unused(context, unused.__annotations__, "for pictures without poses")
         with writable_folder(output):
             names = named or [PHOTOGRAPH_MODEL]
             detector = named_by_options(names)
@@ -116,10 +118,7 @@ def detect(
         detector = named_by_options(names)
         if not named:
             tell_choice(detector)
-        map_options = options.terrain_options(origin=origin, assume_local=assume_local)
-        _detect_recording(
-            recording, detector, terrain, map_options, output, every, bool(video), force, as_json
-        )
+        _detect_recording(recording, detector, context.params, output, every, bool(video), force, as_json)
 
 
 def _detect_pictures(
@@ -195,8 +194,7 @@ def _thermal(files: Sequence[Path]) -> Iterator[str]:
 def _detect_recording(
     recording: Recording,
     detector: Detector,
-    terrain: Path | None,
-    map_options: dict[str, Any],
+    chosen: dict[str, Any],
     output: Path,
     every: int,
     video: bool,
@@ -208,10 +206,11 @@ def _detect_recording(
     from crowdfence.pipeline import heatmap_source, read_map, review_flight
     from crowdfence.sources.ground_contact import on_ground
 
+    terrain = chosen["terrain"]
     mapped = terrain is not None or recording.terrain is not None
     is_of_ground = detector.uses_gsd or detector.contract.validity is not None
     wanted = detector.needs_gsd or (is_of_ground and mapped)
-    found = read_map(recording, terrain, **map_options) if wanted else None
+    found = read_map(recording, terrain, **map_options(chosen)) if wanted else None
     ground = None if found is None else found.terrain
     if ground is not None:
         recording = on_ground(recording, ground)
