@@ -526,6 +526,8 @@ def test_people_in_arrays(recorded):
         ("people.npz", b"not an archive", "where people stood cannot be read"),
         ("world.csv", b"stamp_ns,person\n", "world.csv has no column 'x'"),
         ("world.csv", b"stamp_ns,person,x,y,z,crowd\n5,1,here,2,3,0\n", "x is 'here', expected a number"),
+        ("world.csv", b"stamp_ns,person,x,y,z,crowd\n5,1,nan,2,3,0\n", "no place: 5 ns, nan, 2.0, 3.0 m"),
+        ("world.csv", b"stamp_ns,person,x,y,z,crowd\n99999999999999999999,1,1,2,3,0\n", "no moment"),
         ("cameras.csv", b"drone,stamp_ns\n", "has no column 'exposure_ns'"),
     ],
 )
@@ -534,6 +536,64 @@ def test_a_truth_that_cannot_be_read_is_said_and_costs_no_frame(recorded, name, 
     recording = open_recording(recorded)
     assert len(recording.frames) == 18 and len(recording.people.stamps_ns) == 0
     assert any(said in warning for warning in recording.warnings)
+
+
+def write_world(folder, rows):
+    (folder / "truth").mkdir(exist_ok=True)
+    lines = ["stamp_ns,person,x,y,z,crowd", *(",".join(map(str, row)) for row in rows)]
+    (folder / "truth" / "world.csv").write_text("\n".join(lines) + "\n")
+
+
+def standing(people=4, stamps=30, apart_ns=0):
+    """Rows of people who are listed every 200 ms, each `apart_ns` after the one before."""
+    return [
+        (EPOCH_NS + stamp * 200 * MS + person * apart_ns, person, person, 0.0, 0.0, 0)
+        for stamp in range(stamps)
+        for person in range(1, people + 1)
+    ]
+
+
+def test_people_who_are_listed_twice_are_there_once(recorded):
+    write_world(recorded, [row for row in standing(people=2) for _ in range(2)])  # a couple is no crowd
+    recording = open_recording(recorded)
+    assert len(recording.people_truth(EPOCH_NS).person) == 2
+    assert "world.csv: 60 rows say again who stands where, and count once" in recording.warnings
+
+
+def test_two_people_of_one_number_at_two_places_are_two(recorded):
+    write_world(recorded, [(EPOCH_NS, 0, x, 0.0, 0.0, 0) for x in (1.0, 2.0, 3.0)])
+    recording = open_recording(recorded)
+    assert recording.people_truth(EPOCH_NS).position[:, 0].tolist() == [1.0, 2.0, 3.0]
+    assert not any("world.csv" in warning for warning in recording.warnings)
+
+
+def test_people_with_stamps_of_their_own_are_no_moments_of_the_world(recorded):
+    """At every stamp one of four: there was a crowd, and no stamp knew of it."""
+    write_world(recorded, standing(apart_ns=10 * MS))
+    recording = open_recording(recorded)
+    assert len(recording.people.stamps_ns) == 0
+    (told,) = [warning for warning in recording.warnings if "people stood" in warning]
+    # Between two stamps of each of the four lie 3 of the others, 29 times: 348 are missing beside 120.
+    assert told.endswith("stamps in between; every stamp must list everybody") and "74.4%" in told
+
+
+def test_a_few_missing_people_are_told(recorded):
+    rows = standing()
+    write_world(recorded, [row for row in rows if row != rows[5 * 4]])
+    recording = open_recording(recorded)
+    assert len(recording.people.stamps_ns) == 30
+    assert any("world.csv: 0.8% of the people" in warning for warning in recording.warnings)
+
+
+def test_people_who_come_and_go_are_not_missing(recorded):
+    rows = standing(stamps=40)
+    gone = range(10, 30)  # for 4 s
+    write_world(
+        recorded, [row for row in rows if row[1] != 2 or (row[0] - EPOCH_NS) // (200 * MS) not in gone]
+    )
+    recording = open_recording(recorded)
+    assert len(recording.people.stamps_ns) == 40
+    assert not any("world.csv" in warning for warning in recording.warnings)
 
 
 def test_people_of_another_shape_are_refused(recorded):

@@ -23,9 +23,13 @@ from numpy.typing import NDArray
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
 from crowdfence.sources.interrupted_simulation import interrupted_line
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
+from crowdfence.sources.stamps import LAST_STAMP_NS
 
 _WORLD = ("stamp_ns", "person", "x", "y", "z", "crowd")
 _CAMERA = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+_BACK_WITHIN_S = 2.0
+_MOST_MISSING = 0.1
 
 
 class TrueCameras(NamedTuple):
@@ -107,14 +111,48 @@ def _read_table(path: Path) -> tuple[PeopleLog, tuple[str, ...]]:
             faulty.append(row)
             continue
         try:
-            person, crowd = integer(row, "person"), integer(row, "crowd")
+            stamp_ns, person, crowd = (integer(row, name) for name in ("stamp_ns", "person", "crowd"))
             place = numbers(row, ("x", "y", "z"))
-            rows.setdefault(integer(row, "stamp_ns"), []).append([person, crowd, *place])
+            if stamp_ns > LAST_STAMP_NS or not np.isfinite(place).all():
+                raise ValueError(f"no moment or no place: {stamp_ns} ns, {', '.join(map(str, place))} m")
         except ValueError as error:
             faulty.append(f"line {line}: {error}")
-    warnings = (f"{path.name}: {len(faulty)} rows cannot be read, first: {faulty[0]}",) if faulty else ()
-    arrays = {stamp_ns: np.array(some) for stamp_ns, some in rows.items()}
-    return PeopleLog(sorted(arrays), lambda stamp_ns: _people(stamp_ns, arrays[stamp_ns])), warnings
+            continue
+        rows.setdefault(stamp_ns, []).append([person, crowd, *place])
+    warnings = [f"{path.name}: {len(faulty)} rows cannot be read, first: {faulty[0]}"] if faulty else []
+    # Who is listed twice at one place, as in tables that were put together, would make a crowd of a couple.
+    arrays = {stamp_ns: np.unique(np.array(rows[stamp_ns]), axis=0) for stamp_ns in sorted(rows)}
+    if again := sum(map(len, rows.values())) - sum(map(len, arrays.values())):
+        warnings.append(f"{path.name}: {again} rows say again who stands where, and count once")
+    if told := _missing_people(path.name, arrays):
+        warnings.append(told)
+    return PeopleLog([*arrays], lambda stamp_ns: _people(stamp_ns, arrays[stamp_ns])), tuple(warnings)
+
+
+def _missing_people(name: str, arrays: Mapping[int, NDArray[np.float64]]) -> str | None:
+    """One sentence where people are missing at stamps around which they are there: a moment is known by all
+    of its people, and of some there is no crowd. ValueError where that is so of many, as in a table that
+    gives everybody stamps of their own."""
+    if not arrays:
+        return None
+    stamps_ns = np.array([*arrays], np.int64)
+    person = np.concatenate([people[:, 0] for people in arrays.values()])
+    number = np.repeat(np.arange(len(arrays)), [len(people) for people in arrays.values()])
+    order = np.lexsort((number, person))
+    person, number = person[order], number[order]
+    is_back = np.diff(person) == 0
+    is_back &= np.diff(stamps_ns[number]) <= _BACK_WITHIN_S * 1e9
+    missing = int(np.maximum(np.diff(number)[is_back] - 1, 0).sum())
+    if not missing:
+        return None
+    share = missing / (missing + len(person))
+    told = (
+        f"{name}: {share:.1%} of the people who are there within {_BACK_WITHIN_S:g} s are missing at stamps "
+        "in between; every stamp must list everybody"
+    )
+    if share > _MOST_MISSING:
+        raise ValueError(told)
+    return told
 
 
 def _people(stamp_ns: int, rows: NDArray[np.float64]) -> RecordedPeople:
