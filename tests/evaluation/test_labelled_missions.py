@@ -3,10 +3,11 @@
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
-from crowdfence import open_recording
+from crowdfence import Terrain, _core, open_recording
 from crowdfence.evaluation.labelled_missions import (
     LabelledMission,
     LabelledMissions,
@@ -15,7 +16,7 @@ from crowdfence.evaluation.labelled_missions import (
     open_labelled,
 )
 from support.foreign_recordings import write_photographs
-from support.small_recordings import write_hovering
+from support.small_recordings import flight, ground, write_airsim, write_hovering
 
 S = 10**9
 
@@ -61,3 +62,18 @@ def test_what_is_not_labelled_is_told_what_it_lacks(tmp_path: Path, kind: str) -
     with pytest.raises(ValueError, match=told) as refused:
         next(missions.opened(with_maps=False))
     assert str(refused.value).endswith(forgotten) == (kind != "hovering")
+
+
+def test_people_beside_the_map_of_a_mission_are_told(tmp_path: Path) -> None:
+    """Its rates would count all ground as empty."""
+    folder = write_airsim(tmp_path / "mission", flight())
+    (folder / "terrain" / "dem.tif").unlink()
+    terrain = Terrain.from_points(ground(), 2.0)
+    bt = _core.write_octomap_binary(terrain, np.arange(terrain.voxel_count))
+    (folder / "terrain" / "terrain.bt").write_bytes(bt)
+    stamp_ns = open_recording(folder).frames[0].stamp_ns
+    rows = [f"{stamp_ns},{person},{100 * person},900000,0,0" for person in range(1, 5)]  # centimetres
+    (folder / "truth" / "world.csv").write_text("\n".join(["stamp_ns,person,x,y,z,crowd", *rows]) + "\n")
+    missions = LabelledMissions([folder], MeasurementPlan(), lambda: None)
+    list(missions.opened(with_maps=True))
+    assert [one for one in missions.doubts if "mission: everybody recorded in mission stands beside" in one]

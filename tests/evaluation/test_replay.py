@@ -11,8 +11,9 @@ import pytest
 
 from crowdfence._core import Terrain
 from crowdfence.config import EvidenceConfig, OrConfig, PaperConfig, RunConfig, ZoneConfig
+from crowdfence.evaluation.beside_map import beside_map_warning, nobody_on_map_warning
 from crowdfence.evaluation.iou import IouAccumulator
-from crowdfence.evaluation.replay import Scores, TruthKind, beside_map_warning, score, unrecorded_warning
+from crowdfence.evaluation.replay import Scores, TruthKind, score, unrecorded_warning
 from crowdfence.evaluation.untold_truth import UntoldTruth
 from crowdfence.pipeline import heatmap_source, open_terrain, run
 from crowdfence.pipeline.frame_loop import FrameLoop
@@ -170,6 +171,22 @@ def test_people_beside_the_map_are_in_no_figure_and_told(scores: Scores) -> None
     assert 0 < row.safety.people < scores.rows[0].safety.people
     with pytest.raises(ValueError, match=r"all people of crowds in race stand beside the map .* check frame"):
         beside_map_warning(moved(50_000.0, 1), terrain, tolerance_ms)
+
+
+def test_people_in_centimetres_are_told_to_be_beside_the_map() -> None:
+    """A hundred times as far apart they are no crowd, of which alone it was told: every method scored 0."""
+    whole = race()
+
+    def read(stamp_ns: int) -> RecordedPeople:
+        people = whole.people_truth(stamp_ns)
+        assert people is not None
+        return replace(people, position=people.position * 100 + np.float32(50_000.0))
+
+    other = replace(whole, people=replace(whole.people, read=read))
+    told = beside_map_warning(other, race_ground(), RunConfig(EvidenceConfig()).grouping.tolerance_ms)
+    assert told is not None and "everybody recorded in race stands beside the map at all times" in told
+    nobody = replace(whole, people=replace(whole.people, stamps_ns=()))
+    assert nobody_on_map_warning(nobody, race_ground()) is None
 
 
 def test_crowd_that_a_method_closes_nothing_for_is_told_of_that_method(scores: Scores) -> None:

@@ -125,8 +125,9 @@ def evaluate(
     if method is not None:
         _refuse_unused(context, method, paper)
     from crowdfence.atomic_folder import replaceable_folder
+    from crowdfence.evaluation.beside_map import beside_map_warning
     from crowdfence.evaluation.knobs import turned, turns
-    from crowdfence.evaluation.replay import CellCounter, beside_map_warning, score, unrecorded_warning
+    from crowdfence.evaluation.replay import CellCounter, score, unrecorded_warning
     from crowdfence.evaluation.replay import measured_rates as count_rates
     from crowdfence.evaluation.report import CONTENTS, require_people, write_report
     from crowdfence.evaluation.safety import states_range

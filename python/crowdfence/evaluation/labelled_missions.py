@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.errors import FrameError
+from crowdfence.evaluation.beside_map import nobody_on_map_warning
 from crowdfence.labelled_pictures.coco import ANNOTATIONS
 from crowdfence.labelled_pictures.picture_recording import is_labelled_pictures, open_labelled_pictures
 from crowdfence.sources import open_recording
@@ -133,7 +134,9 @@ class LabelledMissions:
             check_overlap(recording, ground.terrain, self.plan.max_range_m)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
-        self.doubts |= {f"{name}: {doubt}": None for doubt in ground.doubts}
+        beside = nobody_on_map_warning(recording, ground.terrain)
+        doubts = [*ground.doubts, *([] if beside is None else [beside])]
+        self.doubts |= {f"{name}: {doubt}": None for doubt in doubts}
         return ground.terrain
 
     def over_frames(self, mission: LabelledMission, use: Callable[[Frame], None]) -> int:

@@ -36,12 +36,10 @@ from crowdfence.sources.recording import Instant, InstantViews, Recording, Refus
 from crowdfence.truth.at_exposure import (
     MAX_PEOPLE_GAP_S,
     are_people_recorded,
-    crowd_definition,
     instants_with_people,
     people_at,
     timed_frame,
 )
-from crowdfence.truth.crowd_ground import crowds_of
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.truth.over_time import (
     CrowdsOfTheWorld,
@@ -50,7 +48,6 @@ from crowdfence.truth.over_time import (
     TruthAhead,
     TruthOverTime,
 )
-from crowdfence.truth.world import stand_beside
 from crowdfence.zones.sorted_keys import united
 from crowdfence.zones.zone_ground import ZoneGround
 
@@ -321,35 +318,6 @@ def unrecorded_warning(recording: Recording, tolerance_ms: float, truth: TruthKi
     return (
         f"nobody's position is recorded within {MAX_PEOPLE_GAP_S} s of {known.count(False)} of "
         f"{len(known)} instants: they are left out of {left_out}"
-    )
-
-
-def beside_map_warning(recording: Recording, terrain: Terrain, tolerance_ms: float) -> str | None:
-    """One sentence where people of crowds stand beside the map, who are in no figure. ValueError where all do
-    at all times: their positions are in another frame."""
-    instants = crowded = most = people = beside = 0
-    for instant in recording.instants(tolerance_ms):
-        try:
-            frame = timed_frame(instant)
-            if frame is None or not are_people_recorded(frame, recording):
-                continue
-            feet = people_at(frame, recording).position
-        except FrameError:
-            continue
-        feet = feet[crowds_of(feet, **crowd_definition(recording.manifest)) >= 0]
-        out = int(np.count_nonzero(stand_beside(feet, terrain)))
-        instants, crowded, most = instants + 1, crowded + (out > 0), max(most, out)
-        people, beside = people + len(feet), beside + out
-    if not beside:
-        return None
-    if beside == people:
-        raise ValueError(
-            f"all people of crowds in {recording.name} stand beside the map at all times: check frame and "
-            "offset, or take a map that has ground there"
-        )
-    return (
-        f"at {crowded} of {instants} instants people of crowds stand beside the map, up to {most} at once "
-        f"({beside / people:.1%} of all): no figure counts them"
     )
 
 
