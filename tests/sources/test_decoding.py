@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import EpsImagePlugin, ExifTags, Image
 
-from crowdfence.sources.pictures.decoding import as_png, decode_rgb, read_heatmap, read_rgb
+from crowdfence.sources.pictures.decoding import as_png, decode_rgb, read_heatmap, read_regions, read_rgb
 from crowdfence.sources.ros_bag.picture import image_pixels
 
 SIZE = (160, 120)
@@ -229,3 +229,20 @@ def test_a_posed_picture_that_is_transparent_anywhere_is_refused(mode: str) -> N
     assert decode_rgb(as_file(opaque), (8, 6)).shape == (6, 8, 3)
     with pytest.raises(ValueError, match="picture is transparent in places, where nobody sees anything"):
         decode_rgb(as_file(holed), (8, 6))
+
+
+@pytest.mark.parametrize("white_first", [True, False])
+def test_a_label_whose_palette_begins_with_white_is_not_taken_for_its_reverse(
+    tmp_path: Path, white_first: bool
+) -> None:
+    """A white crowd of 20 x 30 pixels before black: its numbers are 0, and those of all else 1."""
+    crowd = np.zeros((120, 160), np.bool_)
+    crowd[10:30, 10:40] = True
+    picture = Image.fromarray((crowd != white_first).astype(np.uint8), "P")
+    picture.putpalette([255, 255, 255, 0, 0, 0] if white_first else [0, 0, 0, 255, 255, 255])
+    picture.save(tmp_path / "label.png")
+    if white_first:
+        with pytest.raises(ValueError, match=r"label.png has a palette in which black is 1, a crowd, and 0"):
+            read_regions(tmp_path / "label.png", SIZE)
+    else:
+        assert np.count_nonzero(read_regions(tmp_path / "label.png", SIZE)) == 600

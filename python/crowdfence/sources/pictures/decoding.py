@@ -144,7 +144,22 @@ def read_regions(path: Path, size: Size) -> NDArray[Any]:
             raise ValueError(
                 f"{path.name} has mode {picture.mode}: crowd regions are an 8-bit picture of crowd numbers"
             )
-        return np.asarray(picture).astype(np.uint8)
+        numbers = np.asarray(picture).astype(np.uint8)
+        # Programs that reduce a mask to its colours sort them as they like: black, which no eye takes for
+        # crowd, then has a number.
+        black = _black_of_palette(picture) if picture.mode == "P" else set()
+        crowds = black.intersection(np.unique(numbers).tolist())
+        if 0 not in black and crowds:
+            raise ValueError(
+                f"{path.name} has a palette in which black is {min(crowds)}, a crowd, and 0, no crowd, is a "
+                "colour: save it in grey"
+            )
+        return numbers
+
+
+def _black_of_palette(picture: Image.Image) -> set[int]:
+    colours = np.array(picture.getpalette("RGB"), np.uint8).reshape(-1, 3)
+    return set(np.flatnonzero((colours == 0).all(axis=1)).tolist())
 
 
 def read_silhouettes(
