@@ -391,6 +391,15 @@ def test_evaluate_by_hand(tmp_path: Path) -> None:
     (warning,) = half["warnings"]
     assert warning.startswith("1 of 2 frames have no label (uav1 1 of 2): crowd that is labelled in no other")
 
+    # Labels of other numbers or colours than those of crowd: 0 is the score of every method.
+    for stamp in stamps:
+        nothing = Image.fromarray(np.zeros((100, 100), np.uint8))
+        nothing.save(tmp_path / "truth" / "regions" / f"uav1_{stamp}.png")
+    empty = json.loads(crowdfence(*asked).stdout)
+    assert empty["scores"][0]["per_frame"] == [0.0, 0.0]
+    (warning,) = empty["warnings"]
+    assert warning.startswith("no label shows crowd on more than half of a heatmap cell: the IoU is 0")
+
 
 def test_a_recording_of_nobody_has_no_mean_iou(tmp_path: Path) -> None:
     """A detector that marks nothing where nobody is: 0 / 0 at every instant, which is no number and no NaN,

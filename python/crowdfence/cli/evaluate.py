@@ -208,11 +208,12 @@ def evaluate(
         for number, row in enumerate(scores if sweep else [])
     ]
     lost = lost_crowd_warnings(crowd_mass) if layer == CROWD else []
-    unlabelled = unlabelled_warning(source) if truth is options.TruthChoice.projected else None
+    by_labels = truth is options.TruthChoice.projected
+    of_labels = (unlabelled_warning(source), cells.nothing_shown_warning(layer)) if by_labels else ()
     unrecorded = unrecorded_warning(source, tolerance_ms, truth.value)
     warnings = [
         *source.warnings,
-        *(one for one in (unlabelled, unrecorded, beside) if one is not None),
+        *(one for one in (*of_labels, unrecorded, beside) if one is not None),
         *untold.warnings,
         *reading.doubts,
         *filter(None, (coarse_voxels_warning(ground.voxel_size_m), under_ground_line(ground, source.frames))),
@@ -224,7 +225,7 @@ def evaluate(
         *(f"{_label(row.config)}: {one}" for row in scores for one in row.unheeded),
     ]
     counts = cells.counts
-    if truth is options.TruthChoice.projected and counts.positives + counts.negatives == 0:
+    if by_labels and counts.positives + counts.negatives == 0:
         nothing = "no frame has both a label and a usable heatmap"
         raise ValueError("; ".join([nothing, *refusal_lines(refused)]))
     summary = {

@@ -133,6 +133,16 @@ class CellCounter:
         if heatmaps:
             self.counts += confusion(heatmaps, masks, self.b_threshold)
 
+    def nothing_shown_warning(self, layer: str) -> str | None:
+        """One sentence where labels were counted, and none of them shows the class of the layer."""
+        if self.counts.positives or not self.counts.negatives:
+            return None
+        return (
+            f"no label shows {layer} on more than half of a heatmap cell: the IoU is 0 wherever a method "
+            f"calls ground {layer}, however good it is; is that what the labels mean by their numbers or "
+            "colours?"
+        )
+
     def counted(self) -> Confusion:
         """The counts; ValueError when there was no labelled frame with a usable heatmap."""
         if self.counts.positives + self.counts.negatives == 0:
