@@ -10,7 +10,8 @@ from crowdfence import Camera, FrameError
 from crowdfence.sources import open_recording
 from crowdfence.sources.convert import convert
 from crowdfence.sources.layers import LayerGround, checked_layer
-from crowdfence.sources.mission.messages import LayerContent
+from crowdfence.sources.mission import ros2_messages
+from crowdfence.sources.mission.messages import LayerContent, decode_layer_ground, encode_layer_ground
 from crowdfence.sources.mission.writer import MissionWriter
 from support.small_recordings import EPOCH_NS
 
@@ -92,6 +93,35 @@ def test_a_mission_file_keeps_layers_apart(mission):
     ground = recording.layer_grounds["landing-site"]
     assert np.array_equal(ground.cells, GROUND.cells)
     assert (ground.cell_m, ground.west_m, ground.south_m, ground.people_m) == (0.5, -10.0, 20.0, 1.25)
+
+
+@pytest.mark.parametrize(
+    ("turn", "cell", "told"),
+    [
+        ((0.7071, 0.0, 0.0, 0.7071), 100, "the grid is turned (x 0, y 0, z 0.7071, w 0.7071)"),
+        (IDENTITY, -1, "a cell of the grid is -1; allowed: 0, not of the class, or 100"),
+        (IDENTITY, 60, "a cell of the grid is 60; allowed: 0"),
+        ((-1.0, 0.0, 0.0, 0.0), 0, None),  # the same as no turn
+    ],
+)
+def test_a_grid_that_says_something_else_is_not_read_as_ours(monkeypatch, turn, cell, told):
+    """A turned grid of another writer lay elsewhere; what it does not know was not of the class."""
+    encode = ros2_messages.encode
+    w, x, y, z = turn
+
+    def changed(kind, message):
+        message["info"]["origin"]["orientation"] = {"x": x, "y": y, "z": z, "w": w}
+        message["data"][3] = cell
+        return encode(kind, message)
+
+    monkeypatch.setattr(ros2_messages, "encode", changed)
+    data = encode_layer_ground(GROUND, EPOCH_NS)
+    if told is None:
+        assert decode_layer_ground(data, 0.0).west_m == -10.0
+    else:
+        with pytest.raises(ValueError) as refused:
+            decode_layer_ground(data, 0.0)
+        assert str(refused.value).startswith(told)
 
 
 def test_a_frame_without_the_layer_is_refused_and_never_shows_crowds_instead(mission):

@@ -23,6 +23,8 @@ from crowdfence.sources.recorded_truth import CameraPose, RecordedPeople
 
 CLOCK_OF_THE_WORLD = "world"
 LARGEST_DEPTH_CM = 65535
+_LEAST_TURN = 1e-6
+"""Of a quaternion: what rounding leaves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,13 +145,18 @@ def encode_layer_ground(ground: LayerGround, stamp_ns: int) -> bytes:
 
 
 def decode_layer_ground(data: bytes, people_m: float) -> LayerGround:
-    """A grid as `encode_layer_ground` makes it. ValueError for any other."""
+    """A grid as `encode_layer_ground` makes it. ValueError for any other: a grid may be turned, and a cell
+    unknown or likely."""
     message = ros2_messages.decode(ros2_messages.OCCUPANCY_GRID, data)
     info = message.info
     cells = np.asarray(message.data, np.int8)
     if cells.size != info.width * info.height:
         raise ValueError(f"{cells.size} cells do not fill a grid of {info.width} x {info.height}")
-    at = info.origin.position
+    at, turn = info.origin.position, info.origin.orientation
+    if any(abs(one) > _LEAST_TURN for one in (turn.x, turn.y, turn.z)):
+        raise ValueError(f"the grid is turned (x {turn.x:g}, y {turn.y:g}, z {turn.z:g}, w {turn.w:g})")
+    if other := set(np.unique(cells).tolist()) - {0, 100}:
+        raise ValueError(f"a cell of the grid is {min(other)}; allowed: 0, not of the class, or 100")
     return LayerGround(
         cells.reshape(info.height, info.width).T == 100, float(info.resolution), at.x, at.y, people_m
     )
