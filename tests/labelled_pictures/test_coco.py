@@ -56,6 +56,14 @@ def test_crowds_are_outlined_or_groups(tmp_path: Path) -> None:
     np.testing.assert_array_equal(picture.crowds[2], [[40, 10], [45, 10], [45, 16], [40, 16]])
 
 
+def test_a_crowd_with_a_part_that_has_no_area_is_one(tmp_path: Path) -> None:
+    """Of outlines that cross themselves, as of a bow tie, the areas cancel out."""
+    bow_tie, sliver = [0, 0, 20, 20, 20, 0, 0, 20], [30, 30, 40, 40, 50, 50]
+    crowd = {"category_id": 2, "segmentation": [bow_tie, sliver]}
+    (picture,) = read_coco(written(tmp_path, document(crowd)))
+    assert len(picture.crowds) == 2 and picture_labels(picture).crowd[10, 15]
+
+
 def test_a_box_of_four_zeros_is_none(tmp_path: Path) -> None:
     """COCO Annotator writes one beside points and outlines: all people stood in the corner, as one, and a
     picture of a crowd was one of empty ground. CVAT writes boxes without a size beside single points."""
@@ -265,6 +273,15 @@ IMAGE = {"id": 7, "file_name": "a.jpg", "width": 64, "height": 48}
             for counts in (None, [5], [-1, 3073], [1.5, 3070.5], "abc", "\x00", "o" * 9, [True, 3071])
         ),
         (document({"segmentation": {"size": [48, 64], "counts": [3072]}}), "is a mask without a pixel"),
+        # Drawn, each covers less than half of any cell: the picture was one without crowd.
+        *(
+            (document({**mark, "category_id": 2}), r"annotations\[0\] is a crowd without area: its corners")
+            for mark in (
+                {"segmentation": [[8, 8, 20, 20, 32, 32]]},
+                {"segmentation": [[8, 8, 8, 8, 8, 8], [1, 1, 1, 5, 1, 9]]},
+                {"bbox": [10, 10, 30, 0]},
+            )
+        ),
         (document({"segmentation": [[1, 2, 3, 4, 5, 10**400]]}), "allowed: a list of finite numbers"),
         (
             document({"bbox": [1, 2, 3, 4], "image_id": 8}),

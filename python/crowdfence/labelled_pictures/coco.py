@@ -181,8 +181,11 @@ def _picture(
     for where, mark, role in marks:
         if role == "person":
             people.append(_person(mark, where, width, height))
-        else:
-            polygons[role] += _outlines(mark, where, width, height)
+            continue
+        outlines = _outlines(mark, where, width, height)
+        if role == "crowd" and not any(map(_has_area, outlines)):
+            raise AnnotationError(f"{where} is a crowd without area: its corners lie in one line")
+        polygons[role] += outlines
     return AnnotatedPicture(
         folder / name,
         width,
@@ -228,6 +231,10 @@ def _outlines(mark: Mapping[str, Any], where: str, width: int, height: int) -> l
     if (box := _box(mark, where)) is not None:
         return [turned(rectangle(*box), _turn_deg(mark))]
     raise AnnotationError(f"{where} has no outline (segmentation), no box (bbox) and no point (keypoints)")
+
+
+def _has_area(polygon: Polygon) -> bool:
+    return bool(np.linalg.matrix_rank(polygon[1:] - polygon[0]) == 2)
 
 
 def _box(mark: Mapping[str, Any], where: str) -> list[float] | None:
