@@ -51,7 +51,7 @@ def test_the_joined_answer_of_a_written_model_is_that_which_was_measured(tmp_pat
         tmp_path / "m.onnx", contract("logits", sizes=SIZES), scale=4.0 / 255.0, offset=-2.0
     )
     one = [(40, False), (40, False), (40, True), (200, True), (200, True), (200, True), (200, False)]
-    data = [labelled(tmp_path / "a", one), labelled(tmp_path / "b", one[1:])]
+    data = [labelled(tmp_path / "a", one), labelled(tmp_path / "b", one[:0:-1])]
     before = Detector(model)
     plan = plan_for(before.contract, MeasurementPlan())
     done = calibrate_model(before, model, data, tmp_path / "calibrated.onnx", plan)

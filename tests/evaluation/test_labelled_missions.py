@@ -1,5 +1,6 @@
 """Which frames of labelled missions a measurement looks at."""
 
+import shutil
 from collections import Counter
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from crowdfence.evaluation.labelled_missions import (
     frames_looked_at,
     open_labelled,
 )
+from crowdfence.sources.convert import convert
 from support.foreign_recordings import write_photographs
 from support.small_recordings import flight, ground, write_airsim, write_hovering
 
@@ -77,3 +79,21 @@ def test_people_beside_the_map_of_a_mission_are_told(tmp_path: Path) -> None:
     missions = LabelledMissions([folder], MeasurementPlan(), lambda: None)
     list(missions.opened(with_maps=True))
     assert [one for one in missions.doubts if "mission: everybody recorded in mission stands beside" in one]
+
+
+@pytest.mark.parametrize("how", ["copied", "converted"])
+def test_a_mission_that_is_there_twice_is_refused(tmp_path: Path, how: str) -> None:
+    """A correction was judged on the very pictures that it was fitted on, and its interval had no width."""
+    folder = write_airsim(tmp_path / "mission", flight(frames=4))
+    (folder / "terrain" / "dem.tif").unlink()
+    if how == "copied":
+        other = Path(shutil.copytree(folder, tmp_path / "backup"))
+    else:
+        other = tmp_path / "backup.mcap"
+        convert(open_recording(folder), other)
+    missions = LabelledMissions([folder, other], MeasurementPlan(), lambda: None)
+    with pytest.raises(ValueError, match="backup holds the pictures of mission: they would count double"):
+        list(missions.opened(with_maps=False))
+    alone = LabelledMissions([folder], MeasurementPlan(), lambda: None)
+    for _ in range(2):  # every pass opens it anew
+        assert [one.name for one in alone.opened(with_maps=False)] == ["mission"]

@@ -208,8 +208,11 @@ def write_labelled_missions(folder: Path) -> list[Path]:
     """Two missions with labels over a plane, whose map lies beside them."""
     terrain = Terrain.from_points(ground(), 2.0)
     missions = [folder / f"mission-{number}" for number in range(2)]
-    for mission in missions:
-        write_airsim(mission, flight(frames=4))
+    for number, mission in enumerate(missions):
+        flown = flight(frames=4)
+        for drone, stamps_ns in flown.frame_stamps_ns.items():  # else they would be copies
+            flown = flown.with_frames(drone, [stamp_ns + number * 20_000_001 for stamp_ns in stamps_ns])
+        write_airsim(mission, flown)
         written = _core.write_octomap_binary(terrain, np.arange(terrain.voxel_count))
         (mission / "terrain" / "terrain.bt").write_bytes(written)
     return missions

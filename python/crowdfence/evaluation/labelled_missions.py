@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -103,19 +104,23 @@ class LabelledMissions:
         """What was not used and why, in order, each once."""
         self.doubts: dict[str, None] = {}
         """What is doubtful about the recordings and the maps that were opened, in order, each once."""
+        self._name_of: dict[tuple[bytes, ...], str] = {}
+        """Of the missions that were opened, by some of their pictures."""
 
     def opened(self, *, with_maps: bool) -> Iterator[LabelledMission]:
         """One mission after the other; maps are opened if wanted here or needed for the labels. ValueError
-        where a map lies beside all cameras of its mission."""
+        where a map lies beside all cameras of its mission, and for a mission that is there twice."""
         for path, name in zip(self.paths, mission_names(self.paths), strict=True):
             if is_labelled_pictures(path):
                 pictures = open_labelled_pictures(path)
+                self._require_new(name, pictures.recording)
                 self.doubts |= {f"{name}: {warning}": None for warning in pictures.recording.warnings}
                 yield LabelledMission(
                     name, pictures.recording, None, pictures.crowd, pictures.ignored, True, pictures.gsd_m
                 )
                 continue
             recording = _recorded(path)
+            self._require_new(name, recording)
             self.doubts |= {f"{name}: {warning}": None for warning in recording.warnings}
             self.refused |= {f"{name}: {frame}": None for frame in recording.refused}
             with_map = with_maps or self.plan.target == "ground"
@@ -123,6 +128,17 @@ class LabelledMissions:
             with _or_annotated(path):
                 labels = label_functions(self.plan.target, recording, terrain)
             yield LabelledMission(name, recording, terrain, *labels)
+
+    def _require_new(self, name: str, recording: Recording) -> None:
+        """ValueError where another mission has the pictures of this one, as a copy has, or a conversion:
+        what is held out would be what was fitted on."""
+        pictures = _some_pictures(recording)
+        other = self._name_of.setdefault(pictures, name) if pictures else name
+        if other != name:
+            raise ValueError(
+                f"{name} holds the pictures of {other}: they would count double, and vouch for themselves; "
+                "leave one out"
+            )
 
     def _terrain(self, name: str, recording: Recording) -> Terrain | None:
         from crowdfence.pipeline import check_overlap, read_map
@@ -185,6 +201,17 @@ class LabelledMissions:
             except FrameError:
                 continue
         raise ValueError(f"{self.paths[0]} holds no picture that can be read")
+
+
+def _some_pictures(recording: Recording) -> tuple[bytes, ...]:
+    """What the first picture, the middle one and the last are known by; nothing where one cannot be read.
+    Whatever a flight is stored as, its pictures are the bytes that were recorded."""
+    frames = recording.frames
+    try:
+        some = [frames[at].encoded_image() for at in (0, len(frames) // 2, -1)] if frames else []
+    except FrameError:
+        return ()
+    return tuple(sha256(picture).digest() for picture in some)
 
 
 def mission_names(paths: Sequence[Path]) -> list[str]:
