@@ -1,10 +1,12 @@
 """What a model is worth behind finer cameras: measured by the command, written beside its other rates."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from crowdfence import Detector
 from crowdfence.calibration.model_file import write_with_contract
@@ -64,6 +66,21 @@ def test_the_rates_of_finer_cameras_stand_beside_the_others(missions: list[Path]
     picture = np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
     heatmaps = [Detector(path)(picture) for path in (model, tmp_path / "both.onnx")]
     np.testing.assert_array_equal(*heatmaps)
+
+
+def test_rates_of_few_looks_at_crowd_are_told(missions: list[Path], tmp_path: Path) -> None:
+    """A look clears ground by what they say of it, which calibrate told alone."""
+    few = Path(shutil.copytree(missions[0], tmp_path / "few"))
+    first, *others = sorted((few / "truth" / "regions").iterdir())
+    for path in (first, *others):
+        label = np.zeros((HEIGHT, WIDTH), np.uint8)
+        label[-3:-1, :2] = path == first  # four pixels of the ground below, in one picture
+        Image.fromarray(label).save(path)
+    done = measured(calibrated(tmp_path / "model.onnx", 3.0), [few], tmp_path / "out.onnx", "--json")
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout)["crowd_observations"]
+    assert 0 < seen < 1000
+    assert f"{seen} observations of crowd voxels, fewer than one picture of a crowd shows" in done.stderr
 
 
 def test_what_cannot_be_measured_is_told_in_a_line(missions: list[Path], tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -190,7 +190,8 @@ def _warnings(calibration: Calibration, measured: PassResult, missions: Labelled
     yield from missions.interval_warnings(measured.quality.overall.units)
     yield from _of_chance(measured.quality.overall)
     yield from _of_people_lost(calibration.before, measured.quality.overall)
-    yield from _of_few_looks(measured.rates)
+    if measured.rates:
+        yield from of_few_looks(measured.rates[-1])
     if not measured.rates:
         yield "no recording comes with a map: no rates per voxel observation were measured"
     elif measured.without_map:
@@ -219,10 +220,11 @@ def _of_people_lost(before: Quality, after: Quality) -> Iterator[str]:
         )
 
 
-def _of_few_looks(rates: Sequence[VoxelRates]) -> Iterator[str]:
-    if rates and rates[-1].crowd_observations < BORROWED:
+def of_few_looks(rates: VoxelRates) -> Iterator[str]:
+    """What rates that rest on few looks at crowd do not tell, in one sentence at most."""
+    if rates.crowd_observations < BORROWED:
         yield (
-            f"{rates[-1].crowd_observations} observations of crowd voxels, fewer than one picture of a crowd "
+            f"{rates.crowd_observations} observations of crowd voxels, fewer than one picture of a crowd "
             "shows: how strongly a look speaks against crowd is hardly known, and evidence clears ground by "
             "it; add missions with crowd"
         )

@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, NamedTuple
 
-from crowdfence.calibration.calibrate import plan_for
+from crowdfence.calibration.calibrate import of_few_looks, plan_for
 from crowdfence.calibration.rates_in_eight_bits import stated_settings
 from crowdfence.config.evidence import calibration_focal_px
 from crowdfence.detector.contract.contract import Contract
@@ -41,7 +41,8 @@ class FinerRates(NamedTuple):
     """Of those cameras, the median."""
     rates: VoxelRates
     warnings: tuple[str, ...]
-    """What is doubtful about the recordings and their maps, and what the intervals do not cover."""
+    """What is doubtful about the recordings and their maps, and what the intervals and the rates do not
+    tell."""
     refused: tuple[str, ...]
     """Frames that were not used, and why."""
 
@@ -76,7 +77,8 @@ def with_rates_of_finer(
     rates, settings = measure_rates(missions, heatmap_of)
     finer = {"focal_px": round(median(focal_px), 1), "validity": rates.validity, **rates.to_json(settings)}
     completed = Contract.from_json({**contract.to_json(), "rates": {**stated, "finer": finer}})
-    warnings = (*missions.doubts, *missions.interval_warnings(rates.missions))
+    intervals = missions.interval_warnings(rates.missions)
+    warnings = (*missions.doubts, *intervals, *of_few_looks(rates))
     return FinerRates(completed, finer["focal_px"], rates, warnings, tuple(missions.refused))
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from crowdfence.calibration.calibrate import plan_for
+from crowdfence.calibration.calibrate import of_few_looks, plan_for
 from crowdfence.calibration.model_file import with_measured_rates
 from crowdfence.detector.contract.contract import Contract
 from crowdfence.evaluation.labelled_missions import (
@@ -57,7 +57,8 @@ class OwnRates(NamedTuple):
     contract: Contract
     """Its own with these rates."""
     warnings: tuple[str, ...]
-    """What is doubtful about the recordings and their maps, and what the intervals do not cover."""
+    """What is doubtful about the recordings and their maps, and what the intervals and the rates do not
+    tell."""
     refused: tuple[str, ...]
     """Frames that were not used, and why."""
 
@@ -86,4 +87,4 @@ def with_own_rates(
     own = with_measured_rates(contract, rates, measured.settings)
     own = replace(own, rates={**(own.rates or {}), ARITHMETIC: EIGHT_BITS})
     intervals = missions.interval_warnings(measured.quality.overall.units)
-    return OwnRates(own, (*missions.doubts, *intervals), tuple(missions.refused))
+    return OwnRates(own, (*missions.doubts, *intervals, *of_few_looks(rates)), tuple(missions.refused))
