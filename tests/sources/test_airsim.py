@@ -528,6 +528,8 @@ def test_people_in_arrays(recorded):
         ("world.csv", b"stamp_ns,person,x,y,z,crowd\n5,1,here,2,3,0\n", "x is 'here', expected a number"),
         ("world.csv", b"stamp_ns,person,x,y,z,crowd\n5,1,nan,2,3,0\n", "no place: 5 ns, nan, 2.0, 3.0 m"),
         ("world.csv", b"stamp_ns,person,x,y,z,crowd\n99999999999999999999,1,1,2,3,0\n", "no moment"),
+        ("../simulation.json", b'{"simulation": {"scenario": ', "nor what a crowd is there: Expecting value"),
+        ("../simulation.json", b'{"simulation": 5}', "nor what a crowd is there: it holds no simulation"),
         ("cameras.csv", b"drone,stamp_ns\n", "has no column 'exposure_ns'"),
     ],
 )

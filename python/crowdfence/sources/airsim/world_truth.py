@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.errors import one_line
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
 from crowdfence.sources.interrupted_simulation import interrupted_line
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
@@ -88,15 +89,17 @@ def read_cameras(folder: Path) -> TrueCameras:
 
 def read_simulation(folder: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     """What the simulator says of itself in simulation.json, with the definition of a crowd; else nothing. One
-    sentence beside it where the mission did not come to its end."""
+    sentence beside it where the mission did not come to its end, or the file cannot be read."""
     path = folder / "simulation.json"
+    if not path.is_file():
+        return {}, ()
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
         simulation = told["simulation"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return {}, ()
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        return {}, (f"{path.name} cannot be read, nor what a crowd is there: {one_line(error)}",)
     if not isinstance(simulation, dict):
-        return {}, ()
+        return {}, (f"{path.name} cannot be read, nor what a crowd is there: it holds no simulation",)
     # The simulator writes them at the end: a run that was killed left none.
     killed = "made_with" in simulation and "statistics" not in told
     interrupted = interrupted_line({"complete": False} if killed else told.get("statistics"))
