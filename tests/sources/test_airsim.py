@@ -598,6 +598,19 @@ def test_people_who_come_and_go_are_not_missing(recorded):
     assert not any("world.csv" in warning for warning in recording.warnings)
 
 
+@pytest.mark.parametrize(("name", "missing"), [("uav1", 12), ("UAV_1", 18)])
+def test_pictures_whose_true_camera_is_not_recorded_are_told(recorded, name, missing):
+    """Rows of other names, or stamps: the camera as it was and its time are where telemetry has them."""
+    frames = open_recording(recorded).frames_of("uav1")
+    rows = [f"{name},{one.stamp_ns},{one.stamp_ns},1,2,3,1,0,0,0" for one in frames]
+    header = "drone,stamp_ns,exposure_ns,x,y,z,qw,qx,qy,qz"
+    (recorded / "truth" / "cameras.csv").write_text("\n".join([header, *rows]) + "\n")
+    recording = open_recording(recorded)
+    assert sum(frame.truth.pose is None for frame in recording.frames) == missing
+    (told,) = [warning for warning in recording.warnings if "cameras.csv" in warning]
+    assert told.startswith(f"{missing} of 18 pictures have no row in cameras.csv, the first: uav")
+
+
 def test_people_of_another_shape_are_refused(recorded):
     write_people(recorded, [EPOCH_NS], np.zeros((1, 2, 3)), [1, 1, 1])
     (warning,) = [one for one in open_recording(recorded).warnings if "people" in one]

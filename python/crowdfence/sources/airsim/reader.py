@@ -58,6 +58,7 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
         {vehicle: item.track for vehicle, item in found.items()},
         limits,
     )
+    unknown = cameras.without_row((frame.drone, frame.stamp_ns) for frame in frames)
     return Recording(
         name=folder.resolve().name,
         drones=tuple(found),
@@ -65,7 +66,14 @@ def read_airsim(folder: Path, limits: Limits, options: AirSimOptions) -> Recordi
         georeference=settings.georeference(),
         terrain=find_terrain(folder),
         refused=(*(RefusedFrame(vehicle, None, reason) for vehicle, reason in faulty), *refused),
-        warnings=(*reader.warnings, *reader.labels_without_frame(), *doubts, *cameras.warnings, *unfinished),
+        warnings=(
+            *reader.warnings,
+            *reader.labels_without_frame(),
+            *doubts,
+            *cameras.warnings,
+            *unknown,
+            *unfinished,
+        ),
         manifest={
             "kind": "airsim",
             "path": str(folder),

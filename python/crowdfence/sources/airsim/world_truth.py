@@ -12,7 +12,7 @@ Without cameras.csv, or a row of it, pictures count as taken at their stamp: Air
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,6 +27,7 @@ from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog,
 from crowdfence.sources.stamps import LAST_STAMP_NS
 
 _WORLD = ("stamp_ns", "person", "x", "y", "z", "crowd")
+_CAMERAS = "cameras.csv"
 _CAMERA = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 _BACK_WITHIN_S = 2.0
@@ -45,6 +46,18 @@ class TrueCameras(NamedTuple):
             return found
         return FrameTruth(exposure_ns=partial(_as_it_is, stamp_ns)) if has_world else FrameTruth()
 
+    def without_row(self, frames: Iterable[tuple[str, int]]) -> list[str]:
+        """One sentence at most where the table is there, and lacks pictures (drone and stamp)."""
+        told = list(frames)
+        missing = [frame for frame in told if frame not in self.truth]
+        if not self.truth or not missing:
+            return []
+        drone, stamp_ns = missing[0]
+        return [
+            f"{len(missing)} of {len(told)} pictures have no row in {_CAMERAS}, the first: {drone} at "
+            f"{stamp_ns}; they count as taken at their stamp, from where telemetry puts them"
+        ]
+
 
 def read_people(folder: Path) -> tuple[PeopleLog, tuple[str, ...]]:
     """Everybody over time, and what is doubtful about it; an empty log where nothing is recorded or the file
@@ -62,7 +75,7 @@ def read_people(folder: Path) -> tuple[PeopleLog, tuple[str, ...]]:
 
 def read_cameras(folder: Path) -> TrueCameras:
     """The cameras as they were; rows that cannot be read are left out and counted."""
-    path = folder / "truth" / "cameras.csv"
+    path = folder / "truth" / _CAMERAS
     if not path.is_file():
         return TrueCameras({}, ())
     truth: dict[tuple[str, int], FrameTruth] = {}
