@@ -1,6 +1,7 @@
 """`project` against a plain implementation over dense arrays (`slow_projection`)."""
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -270,6 +271,16 @@ def test_masked_cells_say_neither_crowd_nor_empty(dtype: type) -> None:
     assert set(at) == everywhere - {(20 + east, 20 + north) for east in range(4) for north in range(4)}
     assert dict(zip(at, seen.mean, strict=True))[17, 17] == 1.0 and seen.mean.sum() == 1.0
     assert seen.crowd_mass.ground == 64.0 and seen.crowd_mass.sky == 0.0
+
+
+@pytest.mark.parametrize("kept", [np.asfortranarray, lambda cells: np.repeat(cells, 2, axis=1)[:, ::2]])
+def test_a_mask_is_that_of_its_cells_however_numpy_keeps_them(kept: Callable[[Any], Any]) -> None:
+    # The first row was not looked at; nothing but its corner is on the diagonal.
+    mask = np.zeros((8, 8), bool)
+    mask[0] = True
+    view = _over_the_plain(np.ma.array(kept(np.eye(8)), mask=kept(mask), copy=False))
+    assert view.looked_at is not None and np.array_equal(view.looked_at, ~mask)
+    assert np.array_equal(view.heatmap, np.where(mask, 0.0, np.eye(8)))
 
 
 def test_what_lies_under_a_mask_may_be_anything() -> None:

@@ -1,8 +1,7 @@
 use crowdfence::view::Pose;
 use crowdfence::{Heatmap, View};
 use numpy::{
-    IntoPyArray, PyArray2, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyUntypedArray,
-    PyUntypedArrayMethods, dtype,
+    IntoPyArray, PyArray2, PyArrayDescrMethods, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods, dtype,
 };
 use pyo3::prelude::*;
 
@@ -111,8 +110,8 @@ fn heatmap(values: &Bound<'_, PyAny>) -> PyResult<Heatmap> {
         return heatmap_of(values);
     }
     let mask = numpy_ma.call_method1("getmaskarray", (values,))?;
-    let looked_at =
-        mask.cast_into::<PyArrayDyn<bool>>()?.to_vec()?.into_iter().map(|masked| !masked).collect();
+    let mask = Array::<bool>::new(&mask, "heatmap", &[None, None])?.to_vec()?; // in C order, whatever numpy keeps it in
+    let looked_at = mask.into_iter().map(|masked| !masked).collect();
     let filled = numpy_ma.call_method1("filled", (values, 0))?; // what lies under a mask may be no value
     heatmap_of(&filled)?.of_part(looked_at).map_err(refuse)
 }
