@@ -78,6 +78,21 @@ def test_a_long_edge_is_straight_in_longitude_and_latitude_to_a_millimetre(tmp_p
     assert shapely.distance(zone.polygon.exterior, shapely.points(edge)).max() < 1e-3
 
 
+def test_a_hole_may_touch_the_edge_of_its_zone_between_two_corners(tmp_path: Path) -> None:
+    """The edge bows beside it, by less than a millimetre: the outline crossed itself, and where it was joined
+    with another area that ended the program."""
+    shell = [[8.0, 46.5], [8.02, 46.5], [8.02, 46.51], [8.0, 46.51], [8.0, 46.5]]
+    hole = [[8.0103, 46.5], [8.009, 46.503], [8.0116, 46.503], [8.0103, 46.5]]
+    other = [[8.015, 46.505], [8.03, 46.505], [8.03, 46.52], [8.015, 46.52], [8.015, 46.505]]
+    (whole,) = opened(tmp_path, ed318({"type": "Polygon", "coordinates": [shell]}))
+    (alone,) = opened(tmp_path, ed318({"type": "Polygon", "coordinates": [shell, hole]}))
+    (both,) = opened(tmp_path, ed318({"type": "MultiPolygon", "coordinates": [[shell, hole], [other]]}))
+    assert alone.polygon.is_valid and both.polygon.is_valid
+    # Of 200 parts the hole is 0.0026 * 0.003 / 2 * 10^6 = 3.9; the other area has 225, 25 of them shared.
+    assert alone.polygon.area / whole.polygon.area == pytest.approx(196.1 / 200, abs=1e-4)
+    assert both.polygon.area / whole.polygon.area == pytest.approx((196.1 + 200.0) / 200, abs=1e-3)
+
+
 @pytest.mark.parametrize("latitude", [0.0, 46.5, 70.0, -85.0])
 def test_a_national_file_is_written_as_small_as_it_was_read(tmp_path: Path, latitude: float) -> None:
     """Edges of tens of kilometres came back with a corner every 25 m, a hundred times the file."""

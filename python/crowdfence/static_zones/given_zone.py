@@ -21,7 +21,7 @@ from crowdfence.zones.rules import Restriction
 from crowdfence.zones.zone_id import zone_id
 
 if TYPE_CHECKING:
-    from shapely import Polygon
+    from shapely import MultiPolygon, Polygon
 
 _METRES_PER = {None: 1.0, "m": 1.0, "M": 1.0, "ft": 0.3048, "FT": 0.3048}
 """By the unit's name; a file that gives none means metres."""
@@ -189,14 +189,18 @@ def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     return ring if len(ring) == 0 or (ring[0] == ring[-1]).all() else np.vstack([ring, ring[:1]])
 
 
-def _outline(name: str, part: GivenPolygon | GivenCircle, georeference: Georeference) -> Polygon | str:
+def _outline(
+    name: str, part: GivenPolygon | GivenCircle, georeference: Georeference
+) -> Polygon | MultiPolygon | str:
     """Or why it is left out."""
     if isinstance(part, GivenCircle):
         return _around_circle(name, part, georeference)
     return _polygon(name, part.rings, georeference)
 
 
-def _polygon(name: str, given: Sequence[NDArray[np.float64]], georeference: Georeference) -> Polygon | str:
+def _polygon(
+    name: str, given: Sequence[NDArray[np.float64]], georeference: Georeference
+) -> Polygon | MultiPolygon | str:
     import shapely
 
     rings = [_closed(ring) for ring in given]
@@ -222,7 +226,9 @@ def _polygon(name: str, given: Sequence[NDArray[np.float64]], georeference: Geor
     if abs(unwrapped[0] - anchor).max() > _MAX_REACH_DEG:
         raise ValueError(f"zone {name!r} reaches {_MAX_REACH_DEG:g} degrees away: no local plane holds it")
     dense = shapely.segmentize(shape, _MAX_EDGE_DEG)
-    return shapely.transform(dense, lambda corners: _local(corners, georeference))
+    local = shapely.transform(dense, lambda corners: _local(corners, georeference))
+    # Rings that touch between their corners may cross by what an edge bows.
+    return local if local.is_valid else shapely.make_valid(local, method="structure", keep_collapsed=False)
 
 
 def _around_circle(name: str, circle: GivenCircle, georeference: Georeference) -> Polygon | str:
