@@ -223,6 +223,9 @@ BOW_TIE = shapely.Polygon([(0, 0), (60, 60), (60, 0), (0, 60)])
 def test_what_is_no_area_or_no_zones_is_refused() -> None:
     with pytest.raises(ValueError, match=r"within is no area: Self-intersection\[30 30\]"):
         ClearAir(zone_set(), within=BOW_TIE)
+    with pytest.raises(ValueError, match=r"zone A is no area: Self-intersection\[30 30\]"):
+        # Of this one, larger by a clearance, half was open.
+        Zone.of_no_look("A", BOW_TIE, "static", "given")
     with pytest.raises(TypeError, match=r"within is 'x'; it must be a Polygon or MultiPolygon of shapely"):
         ClearAir(zone_set(), within="x")  # type: ignore[arg-type]
     with pytest.raises(TypeError, match=r"zones are \[Zone\('Z1'.*; they must be a ZoneHistory or a ZoneSet"):

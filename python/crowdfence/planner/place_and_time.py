@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crowdfence.errors import quoted
 from crowdfence.unmasked import require_unmasked
+from crowdfence.zones.area import require_area
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -20,15 +20,9 @@ MOST_STAMP_NS = 2**62
 
 
 def as_area(within: Polygon | MultiPolygon | None) -> Polygon | MultiPolygon | None:
-    """The area; of one whose outline crosses itself nobody knows what is inside, and it is a ValueError."""
-    import shapely
-
-    if within is None:
-        return None
-    if not isinstance(within, (shapely.Polygon, shapely.MultiPolygon)):
-        raise TypeError(f"within is {quoted(within)}; it must be a Polygon or MultiPolygon of shapely")
-    if not within.is_valid:
-        raise ValueError(f"within is no area: {shapely.is_valid_reason(within)}")
+    """The area, checked."""
+    if within is not None:
+        require_area(within, "within")
     return within
 
 

@@ -13,6 +13,7 @@
 - `rules` `altitude_band` `zone` `zone_id`   what a zone is told, and what it is
 - `ground_heights`   how low and how high the ground of a zone lies
 - `given_ground`     the same for zones of others
+- `area`             what others draw must have an inside
 - `capacity`         all zones in a fence of few items
 - `history`          the zones of a whole mission, and its file
 - `engine`           all of these, instant by instant

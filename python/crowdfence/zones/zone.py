@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, overload
 
 from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
+from crowdfence.zones.area import require_area
 from crowdfence.zones.evidence import DroneEvidence
 from crowdfence.zones.rules import Restriction
 from crowdfence.zones.square_metres import square_metres
@@ -106,7 +107,9 @@ class Zone:
         name: str | None = None,
     ) -> Zone:
         """A zone that no look at crowd made, which knows no probability. `ground_m`: its lowest and highest
-        ground, equal where nobody knows them."""
+        ground, equal where nobody knows them. ValueError for an outline that crosses itself."""
+        if kind != "unseen":  # that is an engine's own, of up to a million corners
+            require_area(polygon, f"zone {id}")
         return cls(
             id=id,
             polygon=polygon,
