@@ -207,6 +207,11 @@ def test_what_is_no_place_is_refused_and_not_called_clear(
         ([0, 2**70], f"got {2**70}"),
         ([False, True], "got bool"),
         (["now", "then"], "got <U4"),
+        # In single precision 1760000000123456789 is 55.2 s earlier: the zones of then were asked.
+        (np.float32([0, 1760000000123456789]), "got float32"),
+        # 584.554 years before, numpy's round of nanoseconds: in June 2015.
+        (np.array(["1970-01-01", "2600-01-01"], dtype="datetime64[s]"), "got 2600-01-01T00:00:00"),
+        (np.array(["1970-01-01", "NaT"], dtype="datetime64[ns]"), "got NaT"),
         ([0, 1, 2], r"2 points have 2 stamps or one, got shape \[3\]"),
         (np.ma.masked_equal([0, 1], 1), "stamps are masked"),
     ],

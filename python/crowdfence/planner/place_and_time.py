@@ -41,13 +41,18 @@ def as_places(points: ArrayLike) -> NDArray[np.float64]:
 
 def as_stamps(stamps_ns: ArrayLike, count: int) -> NDArray[np.int64]:
     """Stamps in ns, [count] or one for all, as int64; `datetime64` counts in its own unit. ValueError for
-    what is no whole number (a clock in seconds), lies beyond `MOST_STAMP_NS`, is masked, or of another
-    shape."""
+    what is no whole number (a clock in seconds), lies beyond `MOST_STAMP_NS`, is masked, of another shape, or
+    of single precision, in which stamps of today are two minutes apart."""
     require_unmasked(stamps_ns, "stamps")
     given = np.asarray(stamps_ns)
     if given.dtype.kind == "M":
-        given = given.astype("datetime64[ns]").astype(np.int64)
-    if given.dtype.kind not in "iuf":
+        in_ns = given.astype("datetime64[ns]")
+        is_same = in_ns.astype(given.dtype) == given  # beyond the year 2262 numpy begins anew
+        if not is_same.all():
+            raise ValueError(f"{_IS_STAMP}, got {given[~is_same].flat[0]}")
+        given = in_ns.astype(np.int64)
+    is_single = given.dtype.kind == "f" and given.dtype.itemsize < np.dtype(np.float64).itemsize
+    if given.dtype.kind not in "iuf" or is_single:
         # Python's whole numbers too large for a machine word are objects.
         large = given.dtype.kind == "O" and all(isinstance(one, int) for one in given.flat)
         raise ValueError(f"{_IS_STAMP}, got {max(given.flat, key=abs) if large else given.dtype}")
