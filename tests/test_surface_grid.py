@@ -135,6 +135,12 @@ def test_a_crowd_map_gives_the_grid_of_its_arrays() -> None:
         ({"probability": [1.5]}, r"1\.5 .*outside \[0, 1\]"),
         ({"probability": [np.nan]}, r"outside \[0, 1\]"),
         ({"state": [9]}, "state 9 is not a VoxelState"),
+        # In a byte each of these is 2, EMPTY.
+        ({"state": [258]}, "state 258 is not a VoxelState"),
+        ({"state": [-254]}, "state -254 is not a VoxelState"),
+        ({"state": [2.9]}, r"state 2\.9 is not a VoxelState"),
+        ({"state": np.ma.masked_all(1, int)}, "states are masked"),
+        ({"probability": np.ma.masked_all(1)}, "probabilities are masked"),
         ({"voxel_size_m": 0.0}, "voxel_size_m must be positive"),
         ({"crop": "everything"}, "crop must be"),
         ({"crop": "seen", "margin_m": -1.0}, "margin_m"),

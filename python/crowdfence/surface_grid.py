@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.unmasked import require_unmasked
 from crowdfence.voxel_state import VoxelState
 
 if TYPE_CHECKING:
@@ -82,9 +83,13 @@ class SurfaceGrid:
         crop="surface" keeps every column that holds a voxel, "seen" those within `margin_m` of the bounding
         box of what was ever seen (everything when nothing was).
 
-        Raises ValueError for arrays that do not fit together, a probability outside [0, 1] in a seen voxel,
-        an unknown state, no voxels at all, or more than `MAX_COLUMNS` columns.
+        Raises ValueError for arrays that do not fit together or are masked, a probability outside [0, 1] in a
+        seen voxel, an unknown state, no voxels at all, or more than `MAX_COLUMNS` columns.
         """
+        named = {"indices": indices, "probabilities": probability, "states": state, "stamps": last_seen_ns}
+        for name, values in named.items():
+            if values is not None:
+                require_unmasked(values, name)
         index_array = np.asarray(indices)
         if index_array.ndim != 2 or index_array.shape[1] != 3:
             raise ValueError(f"indices must have shape [V, 3], got {list(index_array.shape)}")
@@ -94,7 +99,7 @@ class SurfaceGrid:
             _standing_among(index_array),
             _extent(index_array[:, :2]) if len(index_array) else (_NOWHERE, _NOWHERE),
             np.asarray(probability, dtype=np.float64),
-            np.asarray(state, dtype=np.uint8),
+            _states(state),
             None if last_seen_ns is None else np.asarray(last_seen_ns, dtype=np.int64),
         )
         return _build(voxels, voxel_size_m, origin, crop, margin_m)
@@ -230,8 +235,6 @@ class _Voxels:
                 raise ValueError(
                     f"{name} must have one value per voxel [{self.count}], got {list(array.shape)}"
                 )
-        if self.state.max() > max(VoxelState):
-            raise ValueError(f"state {self.state.max()} is not a VoxelState (0 to {max(VoxelState).value})")
         seen = self.probability[_is_seen(self.state)]
         bad = seen[~((seen >= 0.0) & (seen <= 1.0))]
         if bad.size:
@@ -250,6 +253,16 @@ class _Voxels:
             if seen.size:
                 corners += _extent(self.indices_of(seen)[:, :2])
         return _extent(np.array(corners)) if corners else None
+
+
+def _states(state: ArrayLike) -> NDArray[np.uint8]:
+    """In a byte 258 would be 2, which is EMPTY, and so would 2.9."""
+    given = np.asarray(state)
+    is_state = np.isin(given, list(VoxelState))
+    if not is_state.all():
+        bad = given[~is_state].flat[0]
+        raise ValueError(f"state {bad} is not a VoxelState (0 to {max(VoxelState).value})")
+    return given.astype(np.uint8)
 
 
 def _extent(columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
