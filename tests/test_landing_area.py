@@ -193,6 +193,7 @@ def test_a_map_that_spans_too_much_is_refused_before_it_is_gridded() -> None:
         ({"window_cells": 4}, "window_cells must be odd and at least 3, got 4"),
         ({"height_m": np.zeros(4)}, r"height_m must be numbers \[X, Y\], got float64 \[4\]"),
         ({"height_m": np.full((3, 3), np.inf)}, "must not be infinite"),
+        ({"height_m": np.ma.masked_all((3, 3))}, r"heights \(NaN marks a hole\) are masked"),
     ],
 )
 def test_bad_input(change: dict[str, object], message: str) -> None:

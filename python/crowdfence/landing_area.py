@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.surface_grid import MAX_COLUMNS
+from crowdfence.unmasked import require_unmasked
 
 if TYPE_CHECKING:
     from crowdfence._core import Terrain
@@ -90,6 +91,7 @@ def slope_deg(height_m: ArrayLike, cell_size_m: float, *, window_cells: int = 3)
     of the map take no part in the fit. NaN where the cell is a hole, where less than a quarter of the window
     is known, or where the known cells lie in one line.
     """
+    require_unmasked(height_m, "heights (NaN marks a hole)")
     heights = np.asarray(height_m)
     if heights.ndim != 2 or heights.size == 0 or heights.dtype.kind not in "fiu":
         raise ValueError(f"height_m must be numbers [X, Y], got {heights.dtype} {list(heights.shape)}")

@@ -78,6 +78,8 @@ def test_a_refused_frame_changes_nothing() -> None:
 def test_bad_input() -> None:
     with pytest.raises(ValueError, match=r"frame 0: prediction must be bool \[V\], got float64 \[4\]"):
         mean_iou([np.full(4, 0.3)], [voxels()], [voxels()])
+    with pytest.raises(ValueError, match="frame 0: voxels of the truth are masked"):
+        mean_iou([voxels()], [np.ma.array(voxels(0), mask=voxels(0))], [voxels()])
     with pytest.raises(ValueError, match="truths ended after 1 frames"):
         mean_iou([voxels(), voxels()], [voxels()], [voxels(), voxels()])
     with pytest.raises(ValueError, match="no frames"):

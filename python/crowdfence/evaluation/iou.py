@@ -9,6 +9,8 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crowdfence.unmasked import require_unmasked
+
 BothEmpty = Literal["skip", "one"]
 
 
@@ -78,8 +80,9 @@ class IouAccumulator:
         return MeanIou(float(counted.mean()), float(counted.std()), per_frame)
 
     def _labels(self, name: str, labels: ArrayLike) -> NDArray[np.bool_]:
-        array = np.asarray(labels)
         frame = len(self._per_frame)
+        require_unmasked(labels, f"frame {frame}: voxels of the {name}")
+        array = np.asarray(labels)
         if array.dtype != np.bool_ or array.ndim != 1:
             raise ValueError(
                 f"frame {frame}: {name} must be bool [V], got {array.dtype} {list(array.shape)}; "

@@ -139,6 +139,7 @@ GOOD = np.zeros((2, 2))
         (np.array([[0.1, 0.2], [1.5, 0]]), MASK, "frame 1: heatmap value 1.5 at row 1, column 0"),
         (np.array([[0, 1], [0, 0]]), MASK, "frame 1: heatmap must be floating point or uint8, got int64"),
         (np.ma.masked_less(GOOD, 0.5), MASK, "frame 1: cells of the heatmap are masked"),
+        (GOOD, np.ma.masked_less(MASK, 1), "frame 1: cells of the mask are masked"),
         (np.zeros((0, 2)), MASK, "frame 1: heatmap must be .h, w. with at least one cell"),
         (np.zeros((2, 2, 1)), MASK, "frame 1: heatmap must be .h, w. "),
         (GOOD, np.zeros((2, 2)), "frame 1: mask must be bool or integer"),

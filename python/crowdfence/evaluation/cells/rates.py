@@ -142,8 +142,9 @@ def labelled_cells(
             ended = "heatmaps" if heatmap is missing else "masks"
             raise ValueError(f"{ended} ended after {count} frames, the other sequence did not")
         try:
-            if np.ma.is_masked(heatmap):
-                raise ValueError("cells of the heatmap are masked; rates are those of whole heatmaps")
+            for name, cells in (("heatmap", heatmap), ("mask", mask)):
+                if np.ma.is_masked(cells):
+                    raise ValueError(f"cells of the {name} are masked; rates are those of whole heatmaps")
             values = heatmap_values(np.asarray(heatmap))
             yield values, crowd_cells(np.asarray(mask), values.shape)
         except ValueError as error:
