@@ -23,7 +23,7 @@ from PIL import Image
 from rasterio.transform import from_origin
 from typer.testing import CliRunner
 
-from crowdfence import Terrain, _core, open_recording
+from crowdfence import OrConfig, RunConfig, Terrain, _core, open_recording, run
 from crowdfence.cli.app import app
 from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.georeference import Georeference
@@ -95,6 +95,26 @@ def test_zones_lie_where_the_chosen_way_puts_them(
     assert len(places) == 4
     for corner in CORNERS:
         assert min(np.hypot(*(place - corner)) for place in places) < 0.01
+
+
+def test_a_map_that_was_opened_by_itself_is_not_put_below_a_flight_elsewhere(tmp_path: Path) -> None:
+    """Its metres count from its own middle, those of the flight from the flight's origin: zones were as far
+    off as these are apart."""
+    georeference = {"latitude_deg": ORIGIN[0], "longitude_deg": ORIGIN[1], "height_m": ORIGIN[2]}
+    recording = open_recording(write_recording(tmp_path / "recording", georeference=georeference))
+    dem = write_dem(tmp_path / "dem.tif")
+    config = RunConfig(OrConfig())
+    # 2e-4 degrees are 22.24 m to the north and 15.36 m to the east at 46.5 degrees: 27.0 m.
+    with pytest.raises(ValueError, match=r"two local frames, 27\.0 m apart: .* open the map for the rec"):
+        run(recording, Terrain.open(dem, voxel_size_m=1.0), config)
+    own = Georeference(*ORIGIN)
+    rounded = replace(own, latitude_deg=own.latitude_deg + 1e-8)  # a millimetre
+    for terrain in (
+        open_terrain(recording, dem, voxel_size_m=1.0),
+        Terrain.open(dem, voxel_size_m=1.0, georeference=rounded),
+    ):
+        (zone,) = run(recording, terrain, config).zones
+        assert zone.polygon.bounds == pytest.approx((8.0, 8.0, 12.0, 12.0), abs=1.01)
 
 
 def test_an_origin_says_what_a_georeference_in_the_recording_says(recording: Path, tmp_path: Path) -> None:

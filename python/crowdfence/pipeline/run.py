@@ -130,7 +130,7 @@ def run(
     static_left_out: Sequence[str] = (),
     on_step: OnStep | None = None,
 ) -> Run:
-    """Fuse a whole recording (`open_recording`) onto a terrain (`Terrain.open`). `on_step` is called after
+    """Fuse a whole recording (`open_recording`) onto a terrain (`open_terrain`). `on_step` is called after
     every instant, for progress or scores.
 
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
@@ -140,9 +140,10 @@ def run(
     (`read_static_zones`), for the summary. A recording of another layer than crowds
     (`Recording.of_layer`) closes nothing else.
 
-    ValueError when the configuration is out of bounds, the cameras are nowhere near the terrain, no frame can
-    be used, or no view saw any of the terrain; StampError where drones may have two clocks; TypeError for
-    what is no recording, terrain, configuration or detector. Frames that cannot be used are in `Run.refused`.
+    ValueError when the configuration is out of bounds, recording and terrain have two local frames, the
+    cameras are nowhere near the terrain, no frame can be used, or no view saw any of it; StampError where
+    drones may have two clocks; TypeError for what is no recording, terrain, configuration or detector. Frames
+    that cannot be used are in `Run.refused`.
     """
     require_recording(recording)
     if not isinstance(terrain, Terrain):

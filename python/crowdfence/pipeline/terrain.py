@@ -17,6 +17,9 @@ from crowdfence.maps import MapError, MapReading, stated_place, told
 from crowdfence.maps import read_map as read_map_file
 from crowdfence.sources.recording import Recording
 
+_SAME_PLACE_M = 0.1
+"""Anchors may be rounded on their way through files; no pose is as good as that."""
+
 
 def open_terrain(
     recording: Recording,
@@ -152,7 +155,9 @@ def place_doubts(path: Path, recording: Recording) -> tuple[str, ...]:
 
 
 def check_overlap(recording: Recording, terrain: Terrain, max_range_m: float) -> None:
-    """ValueError when no camera of the recording comes within range of the terrain's bounding box."""
+    """ValueError when both have a place on Earth and their local frames are two, and when no camera of the
+    recording comes within range of the terrain's bounding box."""
+    _require_one_frame(recording, terrain)
     if not recording.frames:
         return
     cameras = np.array([frame.world_from_camera[:3, 3] for frame in recording.frames])
@@ -163,6 +168,21 @@ def check_overlap(recording: Recording, terrain: Terrain, max_range_m: float) ->
             f"terrain and poses do not overlap: the nearest camera is {distance_m.min():.0f} m away from the "
             f"terrain, max_range_m is {max_range_m:g}. The terrain spans {_box(low, high)}, the cameras "
             f"{_box(cameras.min(axis=0), cameras.max(axis=0))} (local metres)"
+        )
+
+
+def _require_one_frame(recording: Recording, terrain: Terrain) -> None:
+    """A map that was opened by itself counts its metres from its own middle."""
+    own, of_map = recording.georeference, terrain.georeference
+    if own is None or of_map is None or own == of_map:
+        return
+    place = own.local_from_geodetic(of_map.latitude_deg, of_map.longitude_deg, of_map.height_m)
+    apart_m = float(np.linalg.norm(place))
+    if apart_m > _SAME_PLACE_M:
+        raise ValueError(
+            f"terrain and recording have two local frames, {apart_m:.1f} m apart: that of the terrain lies "
+            f"at {of_map}, that of {recording.name} at {own}; open the map for the recording, with "
+            "open_terrain(recording, path)"
         )
 
 
