@@ -232,6 +232,14 @@ def test_a_shifted_frame_moves_everything_but_the_ids() -> None:
     assert moved.origin == (101.0, 2.0, -3.0)
 
 
+def test_a_georeference_is_nothing_else() -> None:
+    terrain = Terrain.from_height_map(np.zeros((4, 4)), cell_size_m=1.0)
+    for place in ((46.5, 8.0, 500.0), "EPSG:32632"):
+        with pytest.raises(TypeError, match="it must be a Georeference or None"):
+            terrain.georeference = place  # type: ignore[assignment]
+    assert terrain.georeference is None
+
+
 def test_an_array_in_fortran_order_or_with_strides_is_read_as_numpy_shows_it() -> None:
     occupied = np.zeros((6, 8, 4), bool)
     occupied[1, 6, 2] = True

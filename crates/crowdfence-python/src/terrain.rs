@@ -9,6 +9,7 @@ use crowdfence::terrain::octomap;
 use crowdfence::terrain::outstanding;
 use glam::DVec3;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
@@ -37,6 +38,10 @@ pub struct PyTerrain {
 impl PyTerrain {
     pub fn new(terrain: Terrain) -> Self {
         PyTerrain { terrain: Arc::new(terrain), georeference: RwLock::new(None) }
+    }
+
+    fn place(&self, georeference: Option<Py<PyAny>>) {
+        *self.georeference.write().expect("no writer panics") = georeference;
     }
 
     fn checked_ids(&self, ids: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
@@ -319,8 +324,18 @@ impl PyTerrain {
     }
 
     #[setter]
-    fn set_georeference(&self, georeference: Option<Py<PyAny>>) {
-        *self.georeference.write().expect("no writer panics") = georeference;
+    fn set_georeference(&self, georeference: Option<Bound<'_, PyAny>>) -> PyResult<()> {
+        if let Some(given) = &georeference {
+            let class = given.py().import("crowdfence.georeference")?.getattr("Georeference")?;
+            if !given.is_instance(&class)? {
+                let shown = given.repr()?.to_string();
+                return Err(PyTypeError::new_err(format!(
+                    "georeference is {shown:.60}; it must be a Georeference or None"
+                )));
+            }
+        }
+        self.place(georeference.map(Bound::unbind));
+        Ok(())
     }
 
     /// Where each ray first meets the terrain: (voxel ids [N], -1 = nowhere; metres [N], inf = nowhere).
@@ -431,7 +446,7 @@ impl PyTerrain {
     /// CrowdfenceError for an origin that is not finite.
     fn with_origin(&self, py: Python<'_>, #[pyo3(from_py_with = origin)] origin: [f64; 3]) -> PyResult<Self> {
         let moved = PyTerrain::new(self.terrain.with_origin(DVec3::from(origin)).map_err(refuse)?);
-        moved.set_georeference(self.georeference(py));
+        moved.place(self.georeference(py));
         Ok(moved)
     }
 
@@ -442,7 +457,7 @@ impl PyTerrain {
         let columns = grid_indices(columns, "columns")?;
         let marked = released(py, || Terrain::clone(&self.terrain).with_unmeasured(&columns));
         let marked = PyTerrain::new(marked);
-        marked.set_georeference(self.georeference(py));
+        marked.place(self.georeference(py));
         Ok(marked)
     }
 
@@ -453,7 +468,7 @@ impl PyTerrain {
     fn joined(&self, py: Python<'_>, other: &Self) -> PyResult<Self> {
         let joined = released(py, || self.terrain.joined(&other.terrain)).map_err(refuse)?;
         let joined = PyTerrain::new(joined);
-        joined.set_georeference(self.georeference(py));
+        joined.place(self.georeference(py));
         Ok(joined)
     }
 
@@ -469,7 +484,7 @@ impl PyTerrain {
     }
 
     fn __setstate__(&self, georeference: Option<Py<PyAny>>) {
-        self.set_georeference(georeference);
+        self.place(georeference);
     }
 
     fn __repr__(&self) -> String {
