@@ -410,7 +410,7 @@ class Terrain:
         """The voxels of this terrain and of another one of the same grid, with their surfaces.
 
         In a voxel of both, this terrain's surface counts. The georeference is this one's.
-        CrowdfenceError for another voxel_size_m or origin.
+        CrowdfenceError for another voxel_size_m, origin or georeference.
         """
 
 @final

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from crowdfence import Terrain
+from crowdfence import CrowdfenceError, Georeference, Terrain
 from crowdfence._core import raised
 from support.slow_projection import DenseTerrain
 
@@ -230,6 +230,18 @@ def test_a_shifted_frame_moves_everything_but_the_ids() -> None:
     )
     np.testing.assert_allclose(moved.bounds - terrain.bounds, [[100.0, 0.0, -6.0]] * 2)
     assert moved.origin == (101.0, 2.0, -3.0)
+
+
+def test_terrains_of_two_places_on_earth_are_not_joined() -> None:
+    """Tiles of one size that were opened by themselves have the same numbers: one lay upon the other."""
+    west, east = (Terrain.from_height_map(np.zeros((4, 4)), cell_size_m=1.0) for _ in range(2))
+    west.georeference = Georeference(46.5, 8.0, 500.0)
+    assert west.joined(east).georeference == west.georeference
+    east.georeference = Georeference(46.5, 8.0006, 500.0)
+    with pytest.raises(CrowdfenceError, match=r"georeference is Georeference\(.*8\.0006.*\); it must be the"):
+        west.joined(east)
+    east.georeference = Georeference(46.5, 8.0, 500.0)
+    assert west.joined(east).voxel_count == 16
 
 
 def test_a_georeference_is_nothing_else() -> None:

@@ -464,8 +464,16 @@ impl PyTerrain {
     /// The voxels of this terrain and of another one of the same grid, with their surfaces.
     ///
     /// In a voxel of both, this terrain's surface counts. The georeference is this one's.
-    /// CrowdfenceError for another voxel_size_m or origin.
+    /// CrowdfenceError for another voxel_size_m, origin or georeference.
     fn joined(&self, py: Python<'_>, other: &Self) -> PyResult<Self> {
+        if let (Some(own), Some(others)) = (self.georeference(py), other.georeference(py)) {
+            // Two tiles that were opened by themselves count from two middles, often with the same numbers.
+            if !own.bind(py).eq(&others)? {
+                return Err(CrowdfenceError::new_err(format!(
+                    "georeference is {others}; it must be the same in both terrains"
+                )));
+            }
+        }
         let joined = released(py, || self.terrain.joined(&other.terrain)).map_err(refuse)?;
         let joined = PyTerrain::new(joined);
         joined.place(self.georeference(py));
