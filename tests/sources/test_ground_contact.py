@@ -55,6 +55,19 @@ def test_the_take_off_is_put_on_the_map(slope: Terrain, flown: Recording) -> Non
     assert on_ground(settled, slope) is settled
 
 
+def test_a_flight_whose_heights_wait_has_no_views(slope: Terrain, flown: Recording) -> None:
+    """Walked through by instants, it flew 4 m above the origin of its frame, under the ground of the map."""
+    waiting = replace(flown, ground_contacts={"uav1": GroundContact((30.0, 0.0, 4.0), "home")})
+    with pytest.raises(ValueError, match=r"heights of uav1 count from the ground \(home\).*on_ground in Py"):
+        next(waiting.instants()).views()
+    settled = on_ground(waiting, slope)
+    views, _ = next(settled.instants()).views()
+    for view in views:
+        before = flown.frames_of(view.drone)[0].world_from_camera[2, 3]
+        moved = 99.0 if view.drone == "uav1" else 0.0
+        assert view.world_from_camera[2, 3] - before == pytest.approx(moved, abs=0.01)
+
+
 def test_heights_above_the_ground_below_follow_it(slope: Terrain, flown: Recording) -> None:
     settled = on_ground(replace(flown, ground_contacts={"uav1": GroundContact(None, "below")}), slope)
     before, after = flown.tracks()["uav1"].positions, settled.tracks()["uav1"].positions

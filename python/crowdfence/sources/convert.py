@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence.errors import FrameError
-from crowdfence.sources.ground_contact import require_settled
 from crowdfence.sources.layers import LayerPixels
 from crowdfence.sources.mission.attached_map import is_copy
 from crowdfence.sources.mission.layout import CROWD_CLASS
@@ -23,7 +22,7 @@ from crowdfence.sources.no_frame import no_frame_line
 from crowdfence.sources.pictures.decoding import as_png, picture_format
 from crowdfence.sources.place_camera import Limits
 from crowdfence.sources.placed_again import widest_gap_s
-from crowdfence.sources.recording import Frame, Pixels, Recording, RefusedFrame
+from crowdfence.sources.recording import Frame, Pixels, Recording, RefusedFrame, require_heights
 
 Progress = Callable[[int, int], None]
 """Called with (frames done, frames in all)."""
@@ -73,7 +72,7 @@ def convert(
     written, ValueError for a map too large to go into it and where no frame can be used; nothing is left
     behind then.
     """
-    require_settled(recording)
+    require_heights(recording.ground_contacts)
     refused = list(recording.refused)
     conversion = Conversion(
         Path(path), dict.fromkeys(recording.drones, 0), _pose_count(recording), refused, []

@@ -6,7 +6,6 @@ that place is on the map, the map's ground there says how high all of it is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,17 +46,6 @@ def on_ground(recording: Recording, terrain: Terrain) -> Recording:
 def settled_track(drone: str, track: PoseTrack, contact: GroundContact, terrain: Terrain) -> PoseTrack:
     """One drone's track with its heights settled on the map. ValueError as for `on_ground`."""
     return _Lift.of(drone, contact, terrain).track(track)
-
-
-def require_settled(recording: Recording) -> None:
-    """ValueError while heights wait for a map."""
-    waiting: Mapping[str, GroundContact] = recording.ground_contacts
-    if waiting:
-        drone, contact = next(iter(waiting.items()))
-        raise ValueError(
-            f"heights of {drone} count from the ground ({contact.said}), so the map is needed: give it with "
-            "--terrain (on_ground in Python)"
-        )
 
 
 def ground_heights(terrain: Terrain, places: ArrayLike) -> NDArray[np.float64]:

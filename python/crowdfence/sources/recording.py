@@ -181,6 +181,8 @@ class Instant:
     stamp_ns: int
     """The newest stamp of the group."""
     frames: tuple[Frame, ...]
+    ground_contacts: Mapping[str, GroundContact] = field(default_factory=dict)
+    """Drones of the recording whose heights wait for the map: a view of theirs would stand anywhere."""
 
     def __repr__(self) -> str:
         return f"Instant({self.stamp_ns}, {', '.join(frame.drone for frame in self.frames)})"
@@ -188,8 +190,10 @@ class Instant:
     def views(self, heatmap_of: Callable[[Frame], Pixels] = Frame.heatmap) -> InstantViews:
         """The frames as views for the core, with the recorded heatmaps or those of a detector.
 
-        `heatmap_of` raises FrameError for a frame without a usable heatmap.
+        `heatmap_of` raises FrameError for a frame without a usable heatmap. ValueError while heights wait for
+        a map.
         """
+        require_heights(self.ground_contacts)
         return _sorted_out(map(partial(_view_or_refusal, heatmap_of), self.frames))
 
     def views_begun(
@@ -197,6 +201,7 @@ class Instant:
     ) -> Callable[[], InstantViews]:
         """The same by threads, which begin at once; what is returned waits for them. The views still come in
         the order of the frames."""
+        require_heights(self.ground_contacts)
         return partial(_sorted_out, executor.map(partial(_view_or_refusal, heatmap_of), self.frames))
 
 
@@ -236,6 +241,16 @@ class GroundContact:
     """Where that is known from."""
     absolute: bool = False
     """The heights were measured from elsewhere: what they move by is their bias."""
+
+
+def require_heights(waiting: Mapping[str, GroundContact]) -> None:
+    """ValueError while those of a drone wait for a map."""
+    if waiting:
+        drone, contact = next(iter(waiting.items()))
+        raise ValueError(
+            f"heights of {drone} count from the ground ({contact.said}), so the map is needed: give it with "
+            "--terrain (sources.ground_contact.on_ground in Python)"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -333,7 +348,7 @@ class Recording:
         self._check_drones(fleet)
         frames = (frame for frame in self.frames if frame.drone in fleet)
         return (
-            Instant(group[-1].stamp_ns, tuple(group))
+            Instant(group[-1].stamp_ns, tuple(group), self.ground_contacts)
             for group in group_instants(frames, int(tolerance_ms * 1e6))
         )
 
