@@ -1,5 +1,6 @@
 """Moments on disk, asked for over time."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -232,6 +233,39 @@ def test_a_zone_of_others_whose_moment_found_no_room_on_the_disk_is_not_lost(tmp
     store.close()
     assert told is not None and [zone.id for zone in told.zones.static] == ["A1", "D1"]
     assert first is not None and [zone.id for zone in first.zones.static] == ["A1"]
+
+
+@pytest.mark.parametrize("written", [0, 1])
+def test_what_was_closed_while_the_disk_is_still_full_is_not_told_as_it_was_before(
+    tmp_path: Path, written: int
+) -> None:
+    """The crowd of 2 s came after the last moment that the disk took: the 4th is published and in memory."""
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    zone = Zone.of_no_look("Z1", shapely.box(0, 0, 2, 2), "crowd", "seen")
+    note = store.note
+    for number, zones in enumerate(((), (zone,), (zone,), (zone,)), 1):
+        store.note = note if number <= written else lambda write, size=0: None  # type: ignore[method-assign]
+        timeline.add(Moment(number, number * 1_000_000_000, ZoneSet(zones, 0.5, 0.0, 0, 0.0), {}, {}))
+    first_lost = written + 1
+    with pytest.raises(LostMomentError, match=f"nothing could be written at moment {first_lost} of the"):
+        timeline.at(2_500_000_000)
+    store.close()
+
+
+def test_what_is_not_on_disk_yet_is_waited_for(tmp_path: Path) -> None:
+    """A disk that takes its time: the moment of 2 s lies in the queue when somebody asks for it."""
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    zone = Zone.of_no_look("Z1", shapely.box(0, 0, 2, 2), "crowd", "seen")
+    timeline.add(Moment(1, 1_000_000_000, ZoneSet((), 0.5, 0.0, 0, 0.0), {}, {}))
+    store.flush()
+    store.note(lambda connection: time.sleep(0.3))
+    for number in (2, 3, 4):
+        timeline.add(Moment(number, number * 1_000_000_000, ZoneSet((zone,), 0.5, 0.0, 0, 0.0), {}, {}))
+    told = timeline.at(2_500_000_000)
+    store.close()
+    assert told is not None and told.number == 2
 
 
 def test_a_crowd_that_grew_while_the_disk_was_full_is_not_told_as_it_was_before(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import json
 import sqlite3
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -106,11 +106,12 @@ class Timeline:
         with stamps of before, are in it: they are what was known of that stamp last. LostMomentError where it
         may be one that is missing, or rests on one: what has not changed since is told there alone; and where
         it was before all that are kept."""
+        self._wait_for_newest()
         last = self._last_of("moments", stamp_ns)
         if last is None:
-            ((first,),) = self._store.rows("SELECT MIN(number) FROM moments")
+            first = self._next_after(0)
             if first not in (None, 1):  # they count from 1: nobody saw anything before that one alone
-                raise LostMomentError(_FORGOTTEN)
+                raise LostMomentError(_FORGOTTEN if self._is_on_disk(first) else _LOST.format(1))
             return None
         number, then_ns = last
         rows = self._store.rows(
@@ -128,12 +129,28 @@ class Timeline:
         if zones is None:
             return None
         _, _, _, marks, figures = rows[-1]
-        ((following,),) = self._store.rows("SELECT MIN(number) FROM moments WHERE number > ?", (number,))
-        if stamp_ns > then_ns and following not in (None, number + 1):
+        if stamp_ns > then_ns and self._next_after(number) not in (None, number + 1):
             raise LostMomentError(_LOST.format(number + 1))
         with _readable(number):
             told = {k: value for k, value in dict(json.loads(figures)).items() if k not in _OWN}
             return Moment(number, then_ns, zones, dict(json.loads(marks)), told)
+
+    def _wait_for_newest(self) -> None:
+        """What was published is on its way to the disk, which may be slow, or full."""
+        if self._newest_number and not self._is_on_disk(self._newest_number):
+            with suppress(sqlite3.Error):  # told elsewhere
+                self._store.flush()
+
+    def _is_on_disk(self, number: int) -> bool:
+        return bool(self._store.rows("SELECT 1 FROM moments WHERE number = ?", (number,)))
+
+    def _next_after(self, number: int) -> int | None:
+        """The number of the next moment that is kept: at the end the newest, in memory where nothing can be
+        written. None where none follows."""
+        ((following,),) = self._store.rows("SELECT MIN(number) FROM moments WHERE number > ?", (number,))
+        if following is None and self._newest_number > number:
+            return self._newest_number
+        return None if following is None else int(following)
 
     def points(self) -> list[dict[str, Any]]:
         """Figures over time, at most `MOST_POINTS`, the newest among them."""
