@@ -128,9 +128,11 @@ def test_a_heatmap_has_a_camera_of_its_size(mission: Path) -> None:
 def test_results_of_another_flight_are_refused(mission: Path, run: Path, tmp_path: Path) -> None:
     history = ZoneHistory.read(run / "zone_history.jsonl")
     later = [stamp_ns + 3600 * SECOND_NS for stamp_ns in history.stamps_ns]
+    between = [stamp_ns + SECOND_NS // 3 for stamp_ns in history.stamps_ns]  # as of another simulated flight
     elsewhere = Georeference(47.0, 8.0, 1200.0)
     for stamps_ns, anchor, reason in (
-        (later, ANCHOR, "they share no time"),
+        (later, ANCHOR, "no frame of it has the stamp of an instant"),
+        (between, ANCHOR, "no frame of it has the stamp of an instant"),
         (history.stamps_ns, elsewhere, "its local frame lies elsewhere"),
     ):
         ZoneHistory(stamps_ns, history.sets, anchor, {}).write(run / "zone_history.jsonl")
