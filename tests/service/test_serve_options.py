@@ -10,6 +10,7 @@ from time import sleep
 import pytest
 from typer.testing import CliRunner
 
+import crowdfence as package
 from crowdfence import open_recording
 from crowdfence.cli.app import app
 from crowdfence.service import server
@@ -19,6 +20,11 @@ from crowdfence.sources.convert import convert
 from support.command_line import commands, crowdfence
 from support.served import ORIGIN, write_level_ground
 from support.small_recordings import Flight, flight, write_folder
+
+DEMO = Path(package.__file__).parent / "demo_data" / "race.mcap"
+COARSE = "voxels of 4 m are coarse for people"
+NO_PRIOR = "prior 0.5, because the map gives none"
+OTHER_VOXELS = "the rates of crowdnet-s were measured with voxels of 0.5 m"
 
 
 def test_every_option_of_run_but_those_about_files() -> None:
@@ -115,6 +121,34 @@ def test_what_is_doubtful_of_a_recording_is_told_as_by_run(
     assert ran.exit_code == served.exit_code == 0
     for said in ("poses.csv: 1 rows cannot be read", f"uav1 at {late}: no pose"):
         assert said in ran.stderr and said in served.stderr
+
+
+def test_what_a_map_does_to_zones_is_told_as_by_run(
+    tmp_path: Path, replayed: list[tuple[set[str], list[int]]]
+) -> None:
+    """Cells of 4 m may miss a small crowd, and level ground gives `paper` no prior."""
+    words = [str(write_folder(tmp_path / "flight", flight())), "--max-range-m", "800", "--method", "paper"]
+    words += ["--terrain", str(write_level_ground(tmp_path / "g.tif")), "--voxel-size-m", "4"]
+    ran = CliRunner().invoke(app, ["run", *words, "-o", str(tmp_path / "out")], catch_exceptions=False)
+    served = CliRunner().invoke(app, ["serve", *words, "--replay-speed", "inf"], catch_exceptions=False)
+    assert ran.exit_code == served.exit_code == 0
+    for doubt in (COARSE, NO_PRIOR):
+        assert doubt in ran.stderr and doubt in served.stderr
+
+
+@pytest.mark.parametrize(
+    ("views", "doubts"),
+    [("recorded", (OTHER_VOXELS, "tilt below the horizon: 1.5% of")), ("live", (OTHER_VOXELS, COARSE))],
+)
+def test_where_a_detector_was_not_tested_is_told_before_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, views: str, doubts: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(server, "serve", lambda *_: None)
+    live = ["--terrain", str(write_level_ground(tmp_path / "g.tif")), "--origin", ORIGIN]
+    live += ["--voxel-size-m", "4", "--data", str(tmp_path / "live")]
+    words = ["serve", *([str(DEMO)] if views == "recorded" else live), "--detector", "crowdnet-s"]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert done.exit_code == 0 and all(doubt in done.stderr for doubt in doubts), done.stderr
 
 
 def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:

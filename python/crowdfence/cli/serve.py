@@ -19,6 +19,7 @@ from crowdfence.cli.wording import in_options
 from crowdfence.config import RunConfig
 
 if TYPE_CHECKING:
+    from crowdfence._core import Terrain
     from crowdfence.service.access import Access
     from crowdfence.service.inputs import Inputs
     from crowdfence.service.ros.link import RosLink
@@ -220,7 +221,8 @@ def _ready(url: str, service: Service, as_json: bool) -> None:
 def _replayed(
     chosen: dict[str, Any], config: RunConfig, access: Access, settings: ServiceSettings
 ) -> Iterator[Service]:
-    from crowdfence.pipeline import read_map
+    from crowdfence.pipeline import read_map, review_detector
+    from crowdfence.pipeline.under_ground import under_ground_line
     from crowdfence.service.opening import replayed
     from crowdfence.sources.ground_contact import on_ground
 
@@ -229,7 +231,8 @@ def _replayed(
     recording = on_ground(recording, ground.terrain)
     if recording.frames:  # else they are the error
         _warn_of(*recording.warnings, *refusal_lines(recording.refused))
-    _warn_of(*ground.doubts)
+    _warn_of(*ground.doubts, *_doubts_of(ground.terrain, config))
+    _warn_of(*filter(None, [under_ground_line(ground.terrain, recording.frames)]))
     with replayed(
         recording,
         ground.terrain,
@@ -240,6 +243,8 @@ def _replayed(
         access=access,
         static_zones=_static(chosen, recording.georeference or ground.terrain.georeference),
     ) as service:
+        review = review_detector(service.mission.heatmaps, recording, ground.terrain, config)
+        _warn_of(*([] if review is None else review.warnings))
         yield service
 
 
@@ -247,14 +252,15 @@ def _replayed(
 def _live(
     chosen: dict[str, Any], config: RunConfig, access: Access, settings: ServiceSettings
 ) -> Iterator[Service]:
-    from crowdfence.pipeline import named_detector
+    from crowdfence.pipeline import named_detector, review_statement
     from crowdfence.pipeline.terrain import read_map_for_live_views
     from crowdfence.service.opening import live
+    from crowdfence.sources.layers import CROWD
 
     if chosen["terrain"] is None:
         raise ValueError("live views need a map: give one with --terrain (or name a recording to replay)")
     ground = read_map_for_live_views(chosen["terrain"], **map_options(chosen))
-    _warn_of(*ground.doubts)
+    _warn_of(*ground.doubts, *_doubts_of(ground.terrain, config))
     inputs = _inputs(chosen)
     words = _models(chosen)
     if not words:
@@ -279,12 +285,23 @@ def _live(
         static_zones=_static(chosen, ground.terrain.georeference),
         inputs=inputs,
     ) as service:
+        contract = service.mission.heatmaps.contract
+        if contract is not None:
+            _warn_of(*review_statement(contract, CROWD, ground.terrain, config))
         yield service
 
 
 def _models(chosen: dict[str, Any]) -> list[str]:
     """The detectors that were named; live views bring heatmaps unless one is."""
     return [word for word in chosen["detector"] if word not in ("auto", "recorded")]
+
+
+def _doubts_of(terrain: Terrain, config: RunConfig) -> list[str]:
+    """What the cells of a map do to zones, and what the method takes from it, as `run` tells both."""
+    from crowdfence.maps.voxel_size import coarse_voxels_warning
+
+    _, of_prior = config.with_terrain(terrain)
+    return [*of_prior, *filter(None, [coarse_voxels_warning(terrain.voxel_size_m)])]
 
 
 def _warn_of(*doubts: str) -> None:

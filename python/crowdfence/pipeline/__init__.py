@@ -25,7 +25,12 @@ from crowdfence.pipeline.detect import (
     describe_model,
     heatmap_source,
 )
-from crowdfence.pipeline.detector_review import DetectorReview, review_detector, review_flight
+from crowdfence.pipeline.detector_review import (
+    DetectorReview,
+    review_detector,
+    review_flight,
+    review_statement,
+)
 from crowdfence.pipeline.frame_loop import FrameLoop, Step
 from crowdfence.pipeline.lost_crowd import lost_crowd_warning, lost_crowd_warnings, shares
 from crowdfence.pipeline.picture_watch import PictureWatch
@@ -52,6 +57,7 @@ __all__ = [
     "read_map",
     "review_detector",
     "review_flight",
+    "review_statement",
     "run",
     "shares",
     "suitable_model",

@@ -39,22 +39,8 @@ def review_detector(
         return None
     for contract in (heatmaps.contract, *(member.contract for member in heatmaps.members)):
         _require_no_crowd(contract, recording.layer)
-    from crowdfence.detector.validity import statement_warnings
-
     of_flight = review_flight(heatmaps, recording, terrain, configs[0].projection.max_range_m)
-    warnings = [
-        warning
-        for config in configs
-        for warning in statement_warnings(
-            heatmaps.contract,
-            voxel_size_m=terrain.voxel_size_m,
-            b_threshold=config.method.b_threshold,
-            coverage=config.projection.coverage,
-            surface=config.projection.surface,
-            rates_given=config.method.rates_given,
-            weighed_as=_weighed_as(config, recording.layer),
-        )
-    ]
+    warnings = review_statement(heatmaps.contract, recording.layer, terrain, *configs)
     return DetectorReview(of_flight.ranges, list(dict.fromkeys([*warnings, *of_flight.warnings])))
 
 
@@ -76,6 +62,25 @@ def review_flight(
     shrunk = filter(None, (shrunk_warning(model, *largest, median_m) for model in models))
     outside = (warning for check in ranges for warning in check.warnings(heatmaps.contract.name))
     return DetectorReview(ranges, [*shrunk, *outside])
+
+
+def review_statement(contract: Contract, layer: str, terrain: Terrain, *configs: RunConfig) -> list[str]:
+    """What can be said before there is a flight: the contract against map and configurations."""
+    from crowdfence.detector.validity import statement_warnings
+
+    return [
+        warning
+        for config in configs
+        for warning in statement_warnings(
+            contract,
+            voxel_size_m=terrain.voxel_size_m,
+            b_threshold=config.method.b_threshold,
+            coverage=config.projection.coverage,
+            surface=config.projection.surface,
+            rates_given=config.method.rates_given,
+            weighed_as=_weighed_as(config, layer),
+        )
+    ]
 
 
 def _require_no_crowd(contract: Contract, layer: str) -> None:
