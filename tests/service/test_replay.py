@@ -1,13 +1,16 @@
 """A mission through the service is the mission of `crowdfence run`, to the bit."""
 
 import random
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from crowdfence import CrowdMap, Observation, View, project, run
+from crowdfence.pipeline import FrameLoop, Step
 from crowdfence.service.opening import replayed
 from crowdfence.service.service import Service
+from crowdfence.sources.recording import RefusedFrame
 from crowdfence.zones.history import history_line
 from support.small_service import (
     CONFIG,
@@ -43,6 +46,24 @@ def test_a_replay_gives_the_map_and_the_zones_of_a_run() -> None:
         history_line(stamp_ns, zones)
         for stamp_ns, zones in zip(stamps_ns, expected.history.sets, strict=True)
     ]
+
+
+def test_a_replay_that_ends_early_says_so_on_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It read "finished", with the zones of the fourth instant of eight."""
+    taken = FrameLoop.step
+
+    def step(loop: FrameLoop, views: Sequence[View], stamp_ns: int, refused: Sequence[RefusedFrame]) -> Step:
+        if loop.crowd_map.instant_count == 4:
+            raise MemoryError
+        return taken(loop, views, stamp_ns, refused)
+
+    monkeypatch.setattr(FrameLoop, "step", step)
+    with replayed(recording(views()), plain(), CONFIG, speed=float("inf"), settings=SETTINGS) as service:
+        wait_for_end(service)
+        alerts = [alert for alert in service.alerts.all() if alert.kind == "refused_views"]
+    (alert,) = [alert for alert in alerts if "the replay ended early" in alert.text]
+    assert alert.level == "alarm" and alert.cleared_ns is None
+    assert alert.text.endswith("it needs more memory than there is")
 
 
 @pytest.mark.parametrize("late_by", [0, 4])

@@ -9,7 +9,7 @@ from contextlib import suppress
 from threading import Event, Thread
 
 from crowdfence._core import View
-from crowdfence.errors import FrameError
+from crowdfence.errors import FrameError, one_line
 from crowdfence.service.alerts import Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.fleet import Fleet
@@ -47,7 +47,6 @@ class Replay:
         self._clock, self._speed, self._on_end = clock, speed, on_end
         self._alerts, self._doubts = alerts, HeatmapDoubts(alerts)
         self._stopped = Event()
-        self.failure: BaseException | None = None
         self._thread = Thread(target=self._play, name="replay", daemon=True)
 
     def start(self) -> None:
@@ -61,8 +60,10 @@ class Replay:
         try:
             self._play_all()
         except Exception as error:  # the last moment stays published; the page and the log say why it ended
-            self.failure = error
             _LOG.exception("the replay ended early")
+            text = f"the replay ended early, nobody looked at the rest of the recording: {one_line(error)}"
+            now_ns = self._clock.now_ns()
+            self._alerts.raise_("refused_views", "alarm", text, now_ns, is_new=True)
         finally:
             self._on_end()
 
