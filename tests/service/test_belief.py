@@ -1,13 +1,16 @@
 """The map from above against the raster of `SurfaceGrid`, which is made another way."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from crowdfence import SurfaceGrid, Terrain, VoxelState
-from crowdfence.service.belief import ColumnBeliefs, belief_bytes
+from crowdfence.service.belief import ColumnBeliefs, belief_bytes, check_side
 from crowdfence.service.ground import MAX_SIDE, Ground
+from crowdfence.service.opening import live, replayed
 from crowdfence.service.seen_columns import SeenColumns
-from support.small_service import CONFIG, START_NS, plain, view
+from support.small_service import CONFIG, START_NS, plain, recording, view, views
 
 
 def house() -> Terrain:
@@ -91,3 +94,15 @@ def test_seen_ground_is_what_the_map_shows_of_it() -> None:
     shown = np.isin(state, (VoxelState.EMPTY, VoxelState.STALE, VoxelState.NOT_CLEARED))
     assert columns.count == np.count_nonzero(shown) > 500 and not (state == VoxelState.CROWD).any()
     assert columns.count < crowd_map.seen_count, "walls were seen, too"
+
+
+def test_a_map_whose_columns_have_no_number_is_refused(tmp_path: Path) -> None:
+    """Crowd at its eastern end, 70 km away, was shown 65,536 m to the west of where it stood."""
+    check_side(Terrain.from_height_map(np.zeros((65_536, 2)), cell_size_m=1.0))
+    for shape, told in (((70_000, 2), "70000 x 2 cells of 1 m"), ((2, 65_537), "2 x 65537 cells of 1 m")):
+        terrain = Terrain.from_height_map(np.zeros(shape), cell_size_m=1.0)
+        with pytest.raises(ValueError, match=told), live(tmp_path / "data", terrain, CONFIG, name="long"):
+            pass
+        with pytest.raises(ValueError, match=told), replayed(recording(views(2)), terrain, CONFIG):
+            pass
+    assert not (tmp_path / "data").exists()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence._core import CrowdMap
+from crowdfence._core import CrowdMap, Terrain
 from crowdfence.service.ground import Ground
 from crowdfence.surface_grid import LEAST_TO_MOST_URGENT
 from crowdfence.voxel_state import VoxelState
@@ -16,8 +16,20 @@ from crowdfence.zones.tracker import column_keys, column_places
 
 _HEAD = struct.Struct("<Iqfff")
 _OLDEST = 65535
+MOST_SIDE = 65536
+"""Columns of a map from west to east, and from south to north: more have no number in the bytes."""
 _URGENCY = np.argsort(LEAST_TO_MOST_URGENT).astype(np.uint8)
 _STATES = np.array(LEAST_TO_MOST_URGENT, dtype=np.uint8)
+
+
+def check_side(terrain: Terrain) -> None:
+    """ValueError for a map that is too long for `belief_bytes`."""
+    columns, rows = np.rint(np.diff(terrain.bounds[:, :2], axis=0)[0] / terrain.voxel_size_m).astype(int)
+    if max(columns, rows) > MOST_SIDE:
+        raise ValueError(
+            f"the map has {columns} x {rows} cells of {terrain.voxel_size_m:g} m; a service shows at most "
+            f"{MOST_SIDE} to a side: cut it to where the fleet flies, or give a larger voxel_size_m"
+        )
 
 
 def belief_bytes(

@@ -20,6 +20,7 @@ from crowdfence.pipeline.detect import HeatmapSource, heatmap_source
 from crowdfence.pipeline.terrain import check_overlap
 from crowdfence.service.access import Access
 from crowdfence.service.alerts import Alerts
+from crowdfence.service.belief import check_side
 from crowdfence.service.clock import Clock
 from crowdfence.service.fleet import Fleet
 from crowdfence.service.inputs import Inputs
@@ -53,7 +54,8 @@ def replayed(
     static_zones: Sequence[Zone] = (),
 ) -> Iterator[Service]:
     """A recording plays as soon as the block begins. What it leaves behind goes with the block. ValueError as
-    for `pipeline.run`."""
+    for `pipeline.run`, and for a map that is too long."""
+    check_side(terrain)
     settings = settings or ServiceSettings()
     recording = on_ground(recording, terrain)
     if not recording.frames:
@@ -123,9 +125,10 @@ def live(
     """A mission whose state is in `folder`; it goes on where it ended there, however it ended. `drones` are
     those that are expected, `inputs` what is listened to besides HTTP. StoreError for a folder that cannot be
     used, belongs to another mission, or ends ahead of the clock; ValueError for a mission or drone without a
-    name; ValueError and OSError as for `Inputs`."""
+    name, and for a map that is too long; ValueError and OSError as for `Inputs`."""
     if not all(word.strip() for word in (name, *drones)):
         raise ValueError(f"the mission {name!r} and its drones {list(drones)} need names that are not empty")
+    check_side(terrain)
     settings = settings or ServiceSettings()
     clock = clock or Clock(settings.clock)
     heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m, whole=config.whole_looks)
