@@ -18,6 +18,7 @@ from starlette.testclient import TestClient
 from crowdfence import Detector, FrameLoop, Georeference, project
 from crowdfence.config import EvidenceConfig
 from crowdfence.service.gate import Refused
+from crowdfence.service.mission import Mission
 from crowdfence.service.opening import live
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.service import Service
@@ -60,6 +61,26 @@ def crash(folder: Path, into: Path) -> None:
     for name in (FILE, f"{FILE}-wal"):
         if (folder / name).exists():
             (into / name).write_bytes((folder / name).read_bytes())
+
+
+def test_a_snapshot_that_fails_stops_no_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes more memory than all else. Views were accepted, and none of them came into the map then."""
+    to_bytes, failed = Mission.to_bytes, []
+
+    def without_memory(mission: Mission) -> bytes:
+        if mission.loop.crowd_map.instant_count < 4:
+            failed.append(mission.loop.crowd_map.instant_count)
+            raise MemoryError
+        return to_bytes(mission)
+
+    monkeypatch.setattr(Mission, "to_bytes", without_memory)
+    flown = views(10)
+    with running(tmp_path / "data") as service:
+        give(service, flown)
+        assert failed and service.works and service.mission.loop.crowd_map.instant_count > 4
+        expected = state(service)
+    with running(tmp_path / "data") as service:
+        assert state(service) == expected
 
 
 def test_the_files_of_a_running_service_hold_everything_that_it_acknowledged(tmp_path: Path) -> None:

@@ -186,10 +186,18 @@ class Applying:
             self._apply(record)
             if record.kind in ("view", "observation"):
                 self._gate.leave(record.drone)
+            self._keep()
+        self._snapshot()
+
+    def _keep(self) -> None:
+        """Never fails: the journal has all that a snapshot has, and views must go on into the map."""
+        try:
             if self._since_snapshot >= self._settings.snapshot_every:
                 self._snapshot()
             self._mission.keep_belief()
-        self._snapshot()
+        except Exception:  # a moment without memory, of which a snapshot takes most
+            _LOG.exception("the state after record %s could not be kept", self._applied)
+            self._since_snapshot = 1  # not again with every record
 
     def _apply(self, record: Record) -> None:
         """Never fails: a record that cannot be used is refused, and the next one follows."""
