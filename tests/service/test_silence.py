@@ -115,6 +115,35 @@ def test_empty_ground_turns_stale_while_no_view_comes(tmp_path: Path) -> None:
         assert http.get("/belief", headers={"if-none-match": tag}).status_code == 200
 
 
+@pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="a clock that counts sleep is one of Linux")
+def test_what_was_seen_before_the_machine_slept_is_as_old_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A laptop is closed for ten minutes: CLOCK_MONOTONIC stands still, the clock on the wall does not."""
+    slept_s, counted = [0.0], time.clock_gettime_ns
+
+    def clock_gettime_ns(which: int) -> int:
+        return counted(which) + round(slept_s[0] * SECOND_NS) * (which == time.CLOCK_BOOTTIME)
+
+    monkeypatch.setattr(time, "clock_gettime_ns", clock_gettime_ns)
+    begun_ns = counted(time.CLOCK_BOOTTIME)
+
+    def wall_ns() -> int:
+        return START_NS + clock_gettime_ns(time.CLOCK_BOOTTIME) - begun_ns
+
+    clock = Clock("system", system=wall_ns)
+    with running(tmp_path, config=SLOW_TO_FORGET, clock=clock) as service, asked(service) as http:
+        flown(service, Now())
+        assert states(as_client(http).belief())["EMPTY"] > 100
+        slept_s[0] = 600.0
+        assert not states(as_client(http).belief())["EMPTY"]
+        assert service.step_json(service.moment(None))["silent_s"] >= 600.0
+        late = views(INSTANTS)[-1]
+        awake = View(late.drone, wall_ns(), CAMERA, late.world_from_camera, np.zeros((12, 16), np.float32))
+        service.live.intake.give_view(message(awake))  # nobody has to start the service again
+        assert clock.jumped_ns() == 0
+
+
 def test_the_history_keeps_the_map_as_it_was_at_its_moments(tmp_path: Path) -> None:
     """Also where somebody asked for it long after, and another view came then."""
     now = Now()

@@ -19,7 +19,7 @@ from crowdfence._core import Observation
 from crowdfence.legible import legible
 from crowdfence.service.alerts import Alerts
 from crowdfence.service.applying import Applying
-from crowdfence.service.clock import Clock
+from crowdfence.service.clock import Clock, steady_s
 from crowdfence.service.gate import Gate, Refused
 from crowdfence.service.heard import UNKNOWN, Heard
 from crowdfence.service.journal import Journal, Record, RecordKind
@@ -186,8 +186,8 @@ class Intake:
             self._gate.leave(record.drone)
             return
         self._heard.accepted[record.drone] += 1  # before the gate forgets the name
-        self._heard.accepted_s = time.monotonic()
-        self._applying.put(record.at(done.result()), acknowledged_s=self._heard.accepted_s)
+        self._heard.accepted_s = steady_s()
+        self._applying.put(record.at(done.result()), acknowledged_s=time.monotonic())
 
     def decide(self, action: OperatorAction | DroneAction, beside: Write) -> str:
         """Do what an operator asks and write what belongs to it; the id of the zone or the name of the drone.

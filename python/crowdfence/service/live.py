@@ -6,12 +6,11 @@ intake (any thread) -> journal -> applying (one thread, in the order of the jour
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 
 from crowdfence.service.alerts import Alerts
 from crowdfence.service.applying import Applying
-from crowdfence.service.clock import Clock
+from crowdfence.service.clock import Clock, steady_s
 from crowdfence.service.fleet import Fleet
 from crowdfence.service.gate import Gate
 from crowdfence.service.heard import UNKNOWN, Heard
@@ -70,7 +69,7 @@ class Live:
         """How long no view has been accepted, whatever its stamp; before the first one since the start by the
         age of the newest that was there, None where there is none."""
         if self.heard.accepted_s is not None:
-            return time.monotonic() - self.heard.accepted_s
+            return steady_s() - self.heard.accepted_s
         look_ns = self.applying.newest_look_ns
         return max(0.0, (self._clock.now_ns() - look_ns) / 1e9) if look_ns else None
 

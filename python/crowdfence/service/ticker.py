@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import sqlite3
-import time
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from threading import Event, Thread
 
 from crowdfence.service.applying import Applying
-from crowdfence.service.clock import Clock
+from crowdfence.service.clock import Clock, steady_s
 from crowdfence.service.heard import Heard
 from crowdfence.service.journal import Journal, Record, RecordKind
 from crowdfence.service.mission import Mission
@@ -43,7 +42,7 @@ class Ticker:
         self._thread = Thread(target=self._run, name="ticker", daemon=True)
 
     def start(self) -> None:
-        self._quiet_since_s = time.monotonic()
+        self._quiet_since_s = steady_s()
         self._thread.start()
 
     def stop(self) -> None:
@@ -87,8 +86,8 @@ class Ticker:
         would wait for good."""
         since_s = max(self._quiet_since_s, self._heard.accepted_s or 0.0)
         gathering = self._applying.gathering
-        if gathering.drones and time.monotonic() - since_s > self._settings.quiet_s:
-            self._quiet_since_s = time.monotonic()
+        if gathering.drones and steady_s() - since_s > self._settings.quiet_s:
+            self._quiet_since_s = steady_s()
             self.tick(gathering.end_ns)
 
     @property
