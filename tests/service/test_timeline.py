@@ -13,6 +13,7 @@ from crowdfence.service import timeline as timeline_module
 from crowdfence.service.store import Store
 from crowdfence.service.timeline import LostMomentError, Moment, Timeline, forget_before
 from crowdfence.zones import Zone, ZoneEvent, ZoneSet
+from support.small_service import asked, message, running, settle, views
 
 NAME = 'a"b\\ü$.of'
 
@@ -359,3 +360,22 @@ def test_a_map_that_is_damaged_is_said_not_to_be_known(tmp_path: Path) -> None:
     first = timeline.belief_at(1_000_000_000)
     store.close()
     assert first == (1, b"map")
+
+
+@pytest.mark.parametrize(
+    ("at", "told"),
+    [(10**9, "seconds"), (10**6, "milliseconds"), (10**3, "microseconds"), (10**18, "before 2001")],
+)
+def test_who_asks_in_another_unit_is_not_told_that_nothing_was_closed(
+    tmp_path: Path, at: int, told: str
+) -> None:
+    """Its numbers are stamps of January 1970, before the first moment: the answer was an open field."""
+    with running(tmp_path) as service, asked(service) as http:
+        for one in views(9):
+            service.live.intake.give_view(message(one))
+        settle(service)
+        newest_ns = service.mission.newest.stamp_ns
+        assert http.get("/api/v1/zones", params={"at": newest_ns}).json()["zones"]
+        for path in ("zones", "export", "drones", "belief"):
+            refused = http.get(f"/api/v1/{path}", params={"at": newest_ns // at})
+            assert refused.status_code == 422 and told in refused.json()["detail"]

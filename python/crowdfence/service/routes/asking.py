@@ -10,6 +10,7 @@ from starlette.requests import HTTPConnection
 from crowdfence.service.access import COOKIE, User
 from crowdfence.service.service import Service
 from crowdfence.service.stamps import stamp_of
+from crowdfence.sources.stamp_unit import THIS_CENTURY_S, unit_hint
 
 ERRORS: dict[int | str, dict[str, Any]] = {
     400: {"description": "the body cannot be read"},
@@ -18,6 +19,7 @@ ERRORS: dict[int | str, dict[str, Any]] = {
     422: {"description": "something is out of its bounds"},
     429: {"description": "too many requests; Retry-After says when to come again"},
 }
+_LEAST_NS = THIS_CENTURY_S.start * 1_000_000_000
 
 
 def service_of(connection: HTTPConnection) -> Service:
@@ -58,19 +60,25 @@ def _who_may(what: str) -> Any:
     return Depends(check)
 
 
+TheService = Annotated[Service, Depends(service_of)]
+
+
 def at_ns(
+    service: TheService,
     at: Annotated[
         str | None,
         Query(description="Nanoseconds since 1970 as digits; left out: the newest.", max_length=20),
     ] = None,
 ) -> int | None:
+    """422 for what is no stamp, or one in another unit: before all that is known nothing is closed."""
     try:
-        return stamp_of(at)
+        asked_ns = stamp_of(at)
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
-
-
-TheService = Annotated[Service, Depends(service_of)]
+    # The clock of a simulation passes through all numbers.
+    if asked_ns is not None and asked_ns < _LEAST_NS <= service.now_ns():
+        raise HTTPException(422, f"at is {asked_ns} ns since 1970, before 2001{unit_hint(asked_ns)}")
+    return asked_ns
 
 
 def kept(
