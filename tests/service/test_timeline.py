@@ -379,3 +379,29 @@ def test_who_asks_in_another_unit_is_not_told_that_nothing_was_closed(
         for path in ("zones", "export", "drones", "belief"):
             refused = http.get(f"/api/v1/{path}", params={"at": newest_ns // at})
             assert refused.status_code == 422 and told in refused.json()["detail"]
+
+
+def test_a_parameter_that_there_is_not_is_refused(tmp_path: Path) -> None:
+    """A misspelled `at` was left out, and what is closed now told for then; a misspelled datum, above what
+    heights count."""
+    with running(tmp_path) as service, asked(service) as http:
+        for one in views(9):
+            service.live.intake.give_view(message(one))
+        settle(service)
+        at_ns = service.mission.newest.stamp_ns
+        refused = http.get("/api/v1/zones", params={"at_ns": at_ns})
+        assert (refused.status_code, refused.json()["detail"]) == (
+            422,
+            "there is no parameter 'at_ns'; there are: at, without_static",
+        )
+        for path in (
+            "export?format=ed318&country=CHE&daturn=WGS84",
+            "zones/Z1/history?since=0",
+            "drones?at=&at_ms=1",
+            "timeline?at=",
+        ):
+            assert http.get(f"/api/v1/{path}").status_code == 422
+            assert http.head(f"/api/v1/{path}").status_code == 422
+        assert http.get("/api/v1/zones/Z1/history", params={"at": at_ns}).status_code == 200
+        assert http.head("/api/v1/zones", params={"at": at_ns}).status_code == 200
+        assert http.post(f"/api/v1/zones?at={at_ns}", json={}).status_code == 422

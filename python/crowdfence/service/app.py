@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from fastapi import APIRouter, FastAPI, WebSocket
+from fastapi import APIRouter, Depends, FastAPI, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
@@ -20,14 +20,13 @@ from crowdfence._core import __version__
 from crowdfence.errors import quoted
 from crowdfence.service.guard import Guard, Rate
 from crowdfence.service.routes import alerts, base_map, drones, health, ingest, operator, scene, zones
-from crowdfence.service.routes.asking import cookie_of, user_or_none
+from crowdfence.service.routes.asking import API, cookie_of, known_only, user_or_none
 from crowdfence.service.service import Service
 from crowdfence.service.store import StoreError
 from crowdfence.service.timeline import LostMomentError
 from crowdfence.service.zone_set_json import ANY_VERSION
 
 PAGE = Path(__file__).parent / "page"
-API = "/api/v1"
 _LOG = logging.getLogger(__name__)
 _NO_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>crowdfence</title>
 <body><h1>crowdfence</h1><p>The service runs. Its map page was not built: <code>make page</code> builds
@@ -60,8 +59,8 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
     )
     app.state.service = service
     for module in (scene, base_map, zones, drones, alerts, operator, ingest):
-        app.include_router(module.router, prefix=API)
-        app.include_router(_heads(module.router), prefix=API)
+        for router in (module.router, _heads(module.router)):
+            app.include_router(router, prefix=API, dependencies=[Depends(known_only)])
     app.include_router(health.router)
     app.include_router(_heads(health.router))
 
@@ -108,6 +107,7 @@ def make_app(service: Service, *, hosts: frozenset[str] = frozenset(), secure: b
         return HTMLResponse(index.read_text(encoding="utf-8") if index.exists() else _NO_PAGE)
 
     _describe(app, ingest.SCHEMAS)
+    app.state.parameters = _parameters(app)
     if PAGE.is_dir():
         app.mount("/", StaticFiles(directory=PAGE), name="page")
     app.add_middleware(
@@ -168,6 +168,19 @@ def _heads(router: APIRouter) -> APIRouter:
                 include_in_schema=False,
             )
     return heads
+
+
+def _parameters(app: FastAPI) -> dict[str, set[str]]:
+    """The names of the parameters behind the question mark, by path within `API`."""
+    return {
+        path.removeprefix(API): {
+            parameter["name"]
+            for operation in operations.values()
+            for parameter in operation.get("parameters", ())
+            if parameter["in"] == "query"
+        }
+        for path, operations in app.openapi()["paths"].items()
+    }
 
 
 def _describe(app: FastAPI, messages: Sequence[type[BaseModel]]) -> None:

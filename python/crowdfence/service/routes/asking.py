@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import Depends, HTTPException, Query
-from starlette.requests import HTTPConnection
+from starlette.requests import HTTPConnection, Request
 
+from crowdfence.errors import quoted
 from crowdfence.service.access import COOKIE, User
 from crowdfence.service.service import Service
 from crowdfence.service.stamps import stamp_of
@@ -19,6 +20,7 @@ ERRORS: dict[int | str, dict[str, Any]] = {
     422: {"description": "something is out of its bounds"},
     429: {"description": "too many requests; Retry-After says when to come again"},
 }
+API = "/api/v1"
 _LEAST_NS = THIS_CENTURY_S.start * 1_000_000_000
 
 
@@ -79,6 +81,15 @@ def at_ns(
     if asked_ns is not None and asked_ns < _LEAST_NS <= service.now_ns():
         raise HTTPException(422, f"at is {asked_ns} ns since 1970, before 2001{unit_hint(asked_ns)}")
     return asked_ns
+
+
+def known_only(request: Request) -> None:
+    """422 for a parameter that there is not: a misspelled `at` would be left out, and now told for then."""
+    known = request.app.state.parameters[request.scope["route"].path_format.removeprefix(API)]
+    for name in request.query_params:
+        if name not in known:
+            there = f"there are: {', '.join(sorted(known))}" if known else "there are none here"
+            raise HTTPException(422, f"there is no parameter {quoted(name)}; {there}")
 
 
 def kept(
