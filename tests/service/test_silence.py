@@ -160,6 +160,31 @@ def test_the_history_keeps_the_map_as_it_was_at_its_moments(tmp_path: Path) -> N
         assert kept is not None and states(ColumnBeliefs.of(kept[1]))["EMPTY"] > 100
 
 
+def test_a_map_of_the_past_is_as_old_as_it_was_at_the_stamp_asked_for(tmp_path: Path) -> None:
+    """Nobody looked for ten minutes, then somebody did: what was empty before was not known to be in
+    between."""
+    now = Now()
+    with running(tmp_path, config=SLOW_TO_FORGET, clock=now.clock()) as service, asked(service) as http:
+        client = as_client(http)
+        flown(service, now)
+        service.store.flush()
+        begun_ns = service.mission.newest.stamp_ns
+        now.ns += 600 * SECOND_NS
+        late = views(INSTANTS)[-1]
+        again = View(late.drone, now.ns, CAMERA, late.world_from_camera, np.zeros((12, 16), np.float32))
+        service.live.intake.give_view(message(again))
+        service.live.finish()
+        then, soon = (client.belief(begun_ns + seconds * SECOND_NS) for seconds in (0, 10))
+        gap = client.belief(begun_ns + 300 * SECOND_NS)
+    assert states(then)["EMPTY"] == states(soon)["EMPTY"] > 100
+    assert not states(gap)["EMPTY"] and states(gap)["STALE"] == states(then)["EMPTY"]
+    assert gap.stamp_ns == begun_ns + 300 * SECOND_NS
+    known = np.isfinite(then.age_s)
+    np.testing.assert_allclose(gap.age_s[known], then.age_s[known] + 300.0, atol=0.11)
+    assert np.isinf(gap.age_s[~known]).all() and np.array_equal(gap.west_m, then.west_m)
+    assert np.array_equal(gap.state == VoxelState.CROWD, then.state == VoxelState.CROWD)
+
+
 def test_maps_of_two_missions_are_never_taken_for_each_other(tmp_path: Path) -> None:
     """On the same port, as a page or a cache sees it: both have a first moment."""
     tags = []

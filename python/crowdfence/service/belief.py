@@ -79,6 +79,28 @@ def belief_bytes(
     )
 
 
+def aged(belief: bytes, stamp_ns: int, *, stale_after_s: float) -> bytes:
+    """A map of before as of a later stamp, until which no other was kept: what was seen empty is that much
+    older, and stale where it is too old."""
+    count, then_ns, *place = _HEAD.unpack_from(belief)
+    if stamp_ns <= then_ns:
+        return belief
+    ages_at = len(belief) - 2 * count
+    states_at = ages_at - count
+    state = np.frombuffer(belief, np.uint8, count, states_at).copy()
+    tenths = np.frombuffer(belief, "<u2", count, ages_at) + float((stamp_ns - then_ns) / 1e8)
+    # Half a tenth may have been rounded away.
+    state[(state == VoxelState.EMPTY) & (tenths + 0.5 > stale_after_s * 10.0)] = VoxelState.STALE
+    return b"".join(
+        (
+            _HEAD.pack(count, stamp_ns, *place),
+            belief[_HEAD.size : states_at],
+            state.tobytes(),
+            np.minimum(np.rint(tenths), _OLDEST).astype("<u2").tobytes(),
+        )
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ColumnBeliefs:
     """What `belief_bytes` says, one value per column [N]."""

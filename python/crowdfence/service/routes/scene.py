@@ -6,6 +6,7 @@ from typing import Any
 
 from fastapi import APIRouter, HTTPException, Request, Response
 
+from crowdfence.service.belief import aged
 from crowdfence.service.routes.asking import ERRORS, AtNs, Kept, Reader, TheService
 
 router = APIRouter(tags=["scene"], responses=ERRORS)
@@ -42,7 +43,9 @@ def belief(request: Request, service: TheService, user: Reader, at: AtNs) -> Res
         found = mission.timeline.belief_at(at)
         if found is None:
             raise HTTPException(404, "no map of so early is kept")
-        version, body = str(found[0]), found[1]
+        number, kept = found
+        body = aged(kept, at, stale_after_s=mission.config.zones.stale_after_s)
+        version = f"{number}-{at}"
     etag = f'"{mission.run}-{version}"'
     if request.headers.get("if-none-match") == etag:
         return Response(status_code=304, headers={"etag": etag})
