@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crowdfence import View
+from crowdfence import Camera, View
 from crowdfence.detector.detector import Detector
 from crowdfence.service.alerts import Alert
 from crowdfence.service.opening import replayed
@@ -33,6 +33,8 @@ from support.small_service import (
     views,
     wait_for_end,
 )
+
+HEAT = np.zeros((6, 8), np.float32)
 
 
 def alerts(service: Service, kind: str) -> list[Alert]:
@@ -258,3 +260,30 @@ def test_ground_that_the_detector_was_not_tested_on_is_told_of_each_drone(tmp_pa
     with running(tmp_path / "data", detector=Detector(model)) as service:
         (told,) = given(service, range(12, 14))
         assert told.cleared_ns is None, "a restart mends nothing"
+
+
+def test_a_detector_that_sees_pictures_far_smaller_than_they_are_is_told(tmp_path: Path) -> None:
+    """32 x 24 pixels at a quarter; a run says so before its first frame, of live views nobody knows then."""
+    document = contract(name="small", input__size=[8, 8], input__resize="letterbox")
+    model = write_map_model(tmp_path / "small.onnx", document)
+    camera = Camera.pinhole(32, 24, 24.0, 24.0, 16.0, 12.0)
+    with running(tmp_path / "data", detector=Detector(model)) as service:
+        assert service.live is not None
+        for number, size in ((0, (24, 32, 3)), (1, (12, 16, 3))):
+            file = io.BytesIO()
+            levels = np.random.default_rng(number).integers(0, 256, size, np.uint8)
+            Image.fromarray(levels).save(file, format="PNG")
+            one = view("uav1", number)
+            shown = View("uav1", one.stamp_ns, one.camera if number else camera, one.world_from_camera, HEAT)
+            told = ViewMessage.model_validate_json(message(shown))
+            image = base64.b64encode(file.getvalue()).decode()
+            given = told.model_copy(update={"heatmap": None, "image": image}).model_dump_json().encode()
+            service.live.intake.give_view(given)
+            service.live.finish()
+            Watch(service).look()
+            (alert,) = alerts(service, "shrunk_pictures")
+            assert (alert.level, alert.drone) == ("warning", "uav1")
+            assert alert.text.startswith(
+                "uav1: the detector small is shown pictures of 32 x 24 pixels shrunk to 8 x 6: where people"
+            )
+            assert (alert.cleared_ns is None) is (number == 0), "half of 16 x 12 is not so little"

@@ -95,6 +95,14 @@ class HeatmapSource:
             for finished in begun:
                 yield finished()
 
+    def shrunk(self, width: int, height: int, gsd_m: float | None = None) -> list[str]:
+        """What is said where models see pictures of this size far smaller than they are."""
+        from crowdfence.detector.validity import shrunk_warning
+
+        contracts = [member.contract for member in self.members] or [self.contract]
+        told = (shrunk_warning(one, width, height, gsd_m) for one in contracts if one is not None)
+        return [text for text in told if text is not None]
+
     def far_looks(self) -> FarLooks:
         """For one flight."""
         return FarLooks(self.far_every_s)

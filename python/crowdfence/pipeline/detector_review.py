@@ -49,7 +49,7 @@ def review_flight(
 ) -> DetectorReview:
     """The contract of the model, which there must be, against the flight alone. Without `terrain` nobody
     knows how far away its ground is."""
-    from crowdfence.detector.validity import check_ranges, sample_flight, shrunk_warning
+    from crowdfence.detector.validity import check_ranges, sample_flight
 
     assert heatmaps.contract is not None
     ranges, median_m = [], None
@@ -58,10 +58,8 @@ def review_flight(
         ranges = check_ranges(heatmaps.contract, flight)
         median_m = float(np.median(flight.gsd_m)) if ranges else None
     largest = max((frame.camera.width, frame.camera.height) for frame in recording.frames)
-    models = [member.contract for member in heatmaps.members] or [heatmaps.contract]
-    shrunk = filter(None, (shrunk_warning(model, *largest, median_m) for model in models))
     outside = (warning for check in ranges for warning in check.warnings(heatmaps.contract.name))
-    return DetectorReview(ranges, [*shrunk, *outside])
+    return DetectorReview(ranges, [*heatmaps.shrunk(*largest, median_m), *outside])
 
 
 def review_statement(contract: Contract, layer: str, terrain: Terrain, *configs: RunConfig) -> list[str]:

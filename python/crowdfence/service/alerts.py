@@ -34,6 +34,7 @@ AlertKind = Literal[
     "same_answer",
     "unlike_pictures",
     "untested_ground",
+    "shrunk_pictures",
     "clock",
     "stamps_off",
     "disk",

@@ -96,6 +96,7 @@ class Watch:
         self._same_answer()
         self._unlike_pictures()
         self._untested_ground()
+        self._shrunk_pictures()
         self._no_ground()
         self._lost_crowd()
         self._unheeded_crowd()
@@ -275,6 +276,16 @@ class Watch:
         ground = self._service.mission.heatmaps.watch.ground
         for drone, text in ground.mostly_untested(LEAST_LOOKED_AT).items():
             self._set(text is not None, "untested_ground", "warning", text or "", drone=drone)
+
+    def _shrunk_pictures(self) -> None:
+        """Of drones whose newest view was a picture; a run warns of these before its first frame."""
+        heatmaps, fleet = self._service.mission.heatmaps, self._service.fleet
+        for drone in fleet.drones:
+            last = fleet.last(drone)
+            if last is None or not last.picture:
+                continue
+            told = heatmaps.shrunk(last.camera.width, last.camera.height)
+            self._set(bool(told), "shrunk_pictures", "warning", f"{drone}: {'; '.join(told)}", drone=drone)
 
     def _no_ground(self) -> None:
         """Of drones that gave too little since the start to tell, what was raised before stays."""
