@@ -541,6 +541,13 @@ def test_other_machines_tell_no_poses_without_a_key() -> None:
     TelemetryAddress("uav1", "127.0.0.1", 14550).check(has_key=False)
 
 
+def test_a_file_without_a_pass_phrase_is_no_key() -> None:
+    """Anybody signs with the hash of nothing, and a port of other machines was opened for it."""
+    for phrase in ("", " \n"):
+        with pytest.raises(ValueError, match="mavlink-key holds no pass phrase"):
+            Inputs(mavlink=[TelemetryAddress("uav1", "0.0.0.0", 14550)], mavlink_key=phrase)
+
+
 def test_addresses_are_read_and_wrong_ones_refused() -> None:
     assert TelemetryAddress.parse("uav1=udp:127.0.0.1:14550") == TelemetryAddress("uav1", "127.0.0.1", 14550)
     assert TelemetryAddress.parse("a=udp:127.0.0.1:14550:7").system == 7

@@ -28,6 +28,12 @@ class Inputs:
     offsets: Mapping[str, PoseOffset] = field(default_factory=dict)
     """What the poses of a drone are constantly off, also of views that bring theirs."""
 
+    def __post_init__(self) -> None:
+        """ValueError for an empty pass phrase, as of a file that was not filled in: anybody can sign with
+        it."""
+        if self.mavlink_key is not None and not self.mavlink_key.strip():
+            raise ValueError("--mavlink-key holds no pass phrase: anybody could sign telemetry with it")
+
     def feeds(self, terrain: Terrain, anchor: Georeference | None) -> dict[str, PoseFeed]:
         """Where the poses of each drone come from. ValueError as for `Telemetry`, for a drone with two
         sources, and for drones that share a port without system ids."""
