@@ -90,7 +90,7 @@ def _write_files(run: Run, folder: Path, wanted: frozenset[str]) -> dict[str, An
     if "sites.geojson" in wanted:
         write_sites(folder / "sites.geojson", sites, description, georeference, closed_ids)
     if "layer_map.tif" in wanted:
-        write_geotiff(folder / "layer_map.tif", grid, description, georeference)
+        write_geotiff(folder / "layer_map.tif", grid, description, georeference, run.zones)
     if "layer_map.png" in wanted:
         write_site_picture(
             folder / "layer_map.png", grid, sites, run.zones.closed, description, tracks=drone_tracks(run)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+from affine import Affine
 from typer.testing import CliRunner
 
 import crowdfence as cf
@@ -109,14 +110,25 @@ def test_zones_keep_sites_out(mission: Path, sites: Path, tmp_path: Path) -> Non
     zone.write_text(json.dumps({"type": "Feature", "geometry": first["geometry"], "properties": {}}))
     done = crowdfence(
         "run", mission, "-o", tmp_path / "out", "--layer", "landing-site", "--static-zones", zone,
-        "--files", "sites.geojson", "--json",
+        "--files", "sites.geojson", "--files", "layer_map.tif", "--json",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["closed_zones"] >= 1
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"sites.geojson", "summary.json"}
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"sites.geojson", "layer_map.tif", "summary.json"}
     closed = shapely.geometry.shape(first["geometry"])
     for feature in json.loads((tmp_path / "out" / "sites.geojson").read_text())["features"]:
         assert shapely.disjoint(shapely.geometry.shape(feature["geometry"]), closed)
+    # The band that says what zones close: ground that is fit, and closed.
+    with rasterio.open(tmp_path / "out" / "layer_map.tif") as raster:
+        told, state = raster.read(2), raster.read(3)
+        assert "6 = CLOSED by a zone" in raster.tags(2)["VALUES"] and "6 =" not in raster.tags(3)["VALUES"]
+    centre = first["properties"]["centre"]
+    with rasterio.open(sites / "layer_map.tif") as raster:
+        local = Affine(*json.loads(raster.tags()["LOCAL_FROM_CELLS"]))
+    column, row = ~local @ (centre["x"], centre["y"])
+    assert (told[int(row), int(column)], state[int(row), int(column)]) == (6, 4)
+    assert (told[state == 4] == 6).sum() >= 0.9 * first["properties"]["area_m2"] / abs(local.a * local.e)
 
 
 def test_a_layer_is_scored_like_crowds(mission: Path, tmp_path: Path) -> None:

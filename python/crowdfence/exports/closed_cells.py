@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.sources.layers import CROWD
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone
 
@@ -21,9 +22,10 @@ _EDGE_CELLS = 1e-6
 """An outline along the edges of cells closes none beyond them, whatever is lost in rounding."""
 
 
-def state_values(*, closed: bool = True) -> str:
-    """What the numbers in rasters mean."""
-    names = {state.value: state.name for state in VoxelState} | (
+def state_values(*, closed: bool = True, layer: str = CROWD) -> str:
+    """What the numbers in rasters mean; on the map of another class than crowd CROWD is where that is."""
+    found = {} if layer == CROWD else {VoxelState.CROWD: layer, VoxelState.EMPTY: f"no {layer}"}
+    names = {state.value: found.get(state, state.name) for state in VoxelState} | (
         {CLOSED: "CLOSED by a zone"} if closed else {}
     )
     return ", ".join(f"{value} = {name}" for value, name in names.items())
@@ -49,12 +51,15 @@ def closed_cells(
 
 
 def with_closed(
-    state: NDArray[np.uint8], zones: Sequence[Zone], local_from_cells: Affine
+    state: NDArray[np.uint8], zones: Sequence[Zone], local_from_cells: Affine, *, layer: str = CROWD
 ) -> NDArray[np.uint8]:
-    """States [rows, columns] with `CLOSED` where a zone reaches into a cell without crowd."""
+    """States [rows, columns] with `CLOSED` where a zone reaches into a cell without crowd; on the map of
+    another class, whose finds close nothing, into any cell."""
     height, width = state.shape
     closed = closed_cells(zones, (height, width), local_from_cells)
-    return np.where(closed & (state != VoxelState.CROWD), np.uint8(CLOSED), state)
+    if layer == CROWD:
+        closed &= state != VoxelState.CROWD
+    return np.where(closed, np.uint8(CLOSED), state)
 
 
 def reach_beyond(zones: Sequence[Zone], shape: tuple[int, int], local_from_cells: Affine) -> list[str]:

@@ -17,9 +17,7 @@ from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.raster_placement import RasterPlacement
 from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
-from crowdfence.sources.layers import CROWD
 from crowdfence.surface_grid import SurfaceGrid
-from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone
 from crowdfence.zones.zone import closed_of
 
@@ -39,9 +37,9 @@ def write_geotiff(
     float32, tiled, deflate.
 
     Band 1 is NaN, the file's nodata value, where the ground was never seen: it is never 0 for lack of data.
-    Band 2 holds `VoxelState` values, and 6 where a zone reaches into a cell without crowd; band 3 the same
-    without zones. Without a georeference the file has no CRS and its coordinates are local
-    metres. Raises OSError when the file cannot be written.
+    Band 2 holds `VoxelState` values, and 6 where a zone reaches into a cell without crowd (of another layer:
+    into any cell); band 3 the same without zones. Without a georeference the file has no CRS and its
+    coordinates are local metres. Raises OSError when the file cannot be written.
     """
     import rasterio
 
@@ -73,24 +71,15 @@ def write_geotiff(
         ) as raster,
     ):
         raster.write(_north_up(_float32_never_below(grid.probability)), 1)
-        raster.write(with_closed(state, zones, local).astype(np.float32), 2)
+        raster.write(with_closed(state, zones, local, layer=description.layer).astype(np.float32), 2)
         raster.write(state.astype(np.float32), 3)
         raster.set_band_description(1, f"probability of {description.layer} (NaN = never seen)")
         raster.set_band_description(2, "state, and what zones close")
         raster.set_band_description(3, "state, without zones")
         raster.update_tags(**_tags(description), **_placement_tags(placement, georeference))
         raster.update_tags(**{LOCAL_TAG: json.dumps(local[:6])})
-        raster.update_tags(2, VALUES=_states(description.layer, closed=True))
-        raster.update_tags(3, VALUES=_states(description.layer, closed=False))
-
-
-def _states(layer: str, *, closed: bool) -> str:
-    """What the numbers of a band mean; on the map of another class than crowd, which closes nothing, CROWD is
-    where that is."""
-    if layer == CROWD:
-        return state_values(closed=closed)
-    names = {VoxelState.CROWD: layer, VoxelState.EMPTY: f"no {layer}"}
-    return ", ".join(f"{state.value} = {names.get(state, state.name)}" for state in VoxelState)
+        raster.update_tags(2, VALUES=state_values(layer=description.layer))
+        raster.update_tags(3, VALUES=state_values(closed=False, layer=description.layer))
 
 
 def _north_up(array: NDArray[_Value]) -> NDArray[_Value]:
