@@ -67,6 +67,20 @@ def test_what_zones_close_is_in_every_raster(tmp_path: Path) -> None:
         np.testing.assert_array_equal(raster.read(1), whole.read(3))
 
 
+def test_of_a_zone_set_all_that_it_closes_is_in_every_raster(tmp_path: Path) -> None:
+    """The cell beside the crowd, which was seen empty, is closed by somebody else."""
+    path, _, zones = written(tmp_path)
+    (crowd,) = zones  # type: ignore[misc]
+    given = replace(crowd, id="S1", kind="static", polygon=shapely.box(12.0, -6.0, 14.0, -4.0))
+    closed = replace(zones, static=(given,))  # type: ignore[type-var]
+    assert write_state_geotiff(tmp_path / "state.tif", path, closed) == []
+    assert write_costmap(tmp_path / "map.yaml", path, closed) == []
+    with rasterio.open(tmp_path / "state.tif") as raster:
+        assert raster.read(1)[1].tolist() == [4, 6, 0, 3]
+    with Image.open(tmp_path / "map.pgm") as picture:
+        assert np.asarray(picture)[1].tolist() == [0, 0, 205, 205]
+
+
 def test_zones_lie_on_their_cells_far_from_the_anchor_too(tmp_path: Path) -> None:
     """2 km away and 1200 m up a map projection is 38 cm narrower than the ground: most of a cell."""
     probability = np.zeros((6, 6))

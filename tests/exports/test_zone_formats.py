@@ -233,6 +233,21 @@ def test_what_is_read_covers_what_is_closed_and_little_more(name: str, picture: 
         assert read.area == pytest.approx(closed.area + holes_m2, abs=0.2)
 
 
+@pytest.mark.parametrize("name", READERS)
+def test_of_a_zone_set_all_that_it_closes_is_written(name: str) -> None:
+    """As a sequence it is its crowds alone: unseen ground and zones of others were missing."""
+    crowd = zones_of("#")
+    kinds = {"unseen": "UNSEEN", "static": "S1"}
+    others = {
+        kind: (replace(crowd[0], id=id, kind=kind, polygon=shapely.box(20 * place, 0, 20 * place + 4, 4)),)
+        for place, (kind, id) in enumerate(kinds.items(), 1)
+    }
+    zones = replace(crowd, **others)
+    export = ZoneExport(zones, STAMP_NS, Georeference(*ANCHOR), "race", country="GRC")
+    read = shapely.union_all(read_by(name, export))
+    assert all(read.covers(zone.polygon) for zone in zones.closed) and len(zones.closed) == 3
+
+
 ANCHORS = [ANCHOR, (-33.9, 18.4, 5.0), (78.2, 15.6, 400.0), (10.0, 179.99999, 3.0), (-17.0, -179.99999, 0.0)]
 
 

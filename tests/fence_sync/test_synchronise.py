@@ -60,6 +60,13 @@ def test_zones_stand_on_the_vehicle(tmp_path: Path) -> None:
     assert vehicle.kept == [0, 4]
 
 
+def test_of_a_zone_set_all_that_it_closes_stands_on_the_vehicle(tmp_path: Path) -> None:
+    vehicle = EmulatedVehicle()
+    zones = ZoneSet((FAR[0],), 0.5, 0.0, 0, 0.0, static=(FAR[1],))
+    report = keeper(vehicle, tmp_path).put(zones, HERE)
+    assert covers(vehicle, FAR) and told(report)["written"] == "2 zones in 8 items, read back and equal"
+
+
 def test_what_stands_there_already_is_not_sent_again(tmp_path: Path) -> None:
     vehicle = EmulatedVehicle()
     keep = keeper(vehicle, tmp_path)

@@ -23,6 +23,7 @@ from crowdfence.exports.colours import CLOSED_COLOUR, STATE_COLOURS
 from crowdfence.exports.geotiff import LOCAL_TAG
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone
+from crowdfence.zones.zone import closed_of
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -40,6 +41,7 @@ def write_state_geotiff(
     the file's colour table. The ids of zones that do not lie within it, all of them or in part. OSError."""
     import rasterio
 
+    zones = closed_of(zones)
     state, local, profile = _states_of(crowd_map)
     profile |= {"driver": "GTiff", "count": 1, "dtype": "uint8", "nodata": None, "compress": "deflate"}
     profile |= {"photometric": "palette"}
@@ -61,7 +63,7 @@ def write_costmap(
     Metres are those of the local frame, in which vehicles fly: such a map has no projection, and those of one
     are shorter on high ground, by 38 cm at 2 km and 1200 m.
     """
-    path = Path(path)
+    path, zones = Path(path), closed_of(zones)
     state, local, _ = _states_of(crowd_map)
     shown = with_closed(state, zones, local)
     grey = np.full(state.shape, UNKNOWN, dtype=np.uint8)

@@ -51,6 +51,7 @@ from crowdfence.fence_sync.transfer import download, upload
 from crowdfence.fence_sync.vehicle_memory import VehicleMemory, memory_file, recall, remember
 from crowdfence.georeference import Georeference
 from crowdfence.zones import Zone
+from crowdfence.zones.zone import closed_of
 
 POSITION_AGE_S = 4.0
 """An older position is asked for again. Longer than it takes to see that the vehicle is silent."""
@@ -139,8 +140,9 @@ class FenceKeeper:
         return there, tuple(ours)
 
     def put(self, zones: Sequence[Zone], georeference: Georeference) -> FenceReport:
-        """Make our part of the fence cover the zones, and nothing else. FenceError or ValueError where it
-        could not be done; the fence is then as it was."""
+        """Make our part of the fence cover the zones, of a `ZoneSet` all that it closes, and nothing else.
+        FenceError or ValueError where it could not be done; the fence is then as it was."""
+        zones = closed_of(zones)
         with writable_folder(self._folder, parents=True):
             return _unless_rewritten(lambda again: self._put(zones, georeference, again))
 

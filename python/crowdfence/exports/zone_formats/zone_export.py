@@ -13,6 +13,7 @@ from crowdfence.exports.zone_formats.geoid import geoid_heights_m
 from crowdfence.georeference import Georeference
 from crowdfence.zones import AltitudeBand, Zone
 from crowdfence.zones.altitude_band import HIGHEST_GROUND_M, LOWEST_GROUND_M, Datum
+from crowdfence.zones.zone import closed_of
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -25,6 +26,7 @@ class ZoneExport:
     """Zones, when and where they hold, and who says so."""
 
     zones: Sequence[Zone]
+    """Of a `ZoneSet` all that it closes."""
     stamp_ns: int
     """Instant whose zones these are: they hold from here."""
     georeference: Georeference
@@ -46,6 +48,7 @@ class ZoneExport:
 
     def __post_init__(self) -> None:
         """ValueError for a contact that is no e-mail address, which the schema of ED-318 refuses."""
+        object.__setattr__(self, "zones", closed_of(self.zones))
         if self.contact is not None:
             name, at, host = self.contact.partition("@")
             if not (name and at and host) or any(c.isspace() or c == "@" for c in name + host):
