@@ -33,7 +33,7 @@ from uas_standards.astm.f3548.v21 import constants as f3548_constants
 from crowdfence import Georeference
 from crowdfence.exports.geojson import zones_geojson
 from crowdfence.exports.map_description import MapDescription
-from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, qgc_plan
+from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, geoid, qgc_plan
 from crowdfence.exports.zone_formats.geoid import geoid_heights_m
 from crowdfence.exports.zone_formats.over_coverage import over_coverage_m2
 from crowdfence.exports.zone_formats.times import rfc3339
@@ -759,6 +759,23 @@ def test_heights_above_the_sea_by_a_geoid_that_is_a_plane() -> None:
     layer = json.loads(ZONE_FORMATS["ed318"](export))["features"][0]["geometry"]["layer"]
     assert layer["upperReference"] == layer["lowerReference"] == "AMSL"
     assert layer["lower"] <= band.lower_m and layer["upper"] >= band.upper_m
+
+
+def test_the_sea_on_both_sides_of_the_antimeridian_is_that_of_the_zone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """56 m above the ellipsoid there, as at Fiji, and 16 m at Greenwich, half way between -180 and 180."""
+
+    class Sea:
+        def transform(self, longitude, latitude, height_m):
+            return longitude, latitude, height_m - np.where(np.abs(longitude) > 179.0, 56.0, 16.0)
+
+    monkeypatch.setattr(geoid, "_above_sea", Sea)
+    anchor = (-17.0, 179.99999, 1200.0)
+    export = exported(zones_of("######"), anchor, datum="AMSL")
+    assert export.outline(export.zones[0]).bounds[0] == -180.0, "it lies on both sides"
+    band = export.band(export.zones[0])
+    assert (band.lower_m, band.upper_m) == pytest.approx((1143.5, 1265.5), abs=1e-2)
 
 
 @pytest.mark.usefixtures("geoid_grid")

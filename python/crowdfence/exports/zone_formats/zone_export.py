@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crowdfence.exports.geographic_outline import ellipsoidal_heights, geographic_outline
+from crowdfence.exports.geographic_outline import ellipsoidal_heights, geographic_outline, polygons_of
 from crowdfence.exports.zone_formats.geoid import geoid_heights_m
 from crowdfence.georeference import Georeference
 from crowdfence.zones import AltitudeBand, Zone
@@ -92,6 +92,7 @@ class ZoneExport:
             return zone.band.above(LOWEST_GROUND_M, HIGHEST_GROUND_M, datum)
         lower_m, upper_m = ellipsoidal_heights(zone, self.georeference)
         if datum == "AMSL":
-            geoid_m = geoid_heights_m(np.array(self.outline(zone).bounds))
-            lower_m, upper_m = lower_m - max(geoid_m), upper_m - min(geoid_m)
+            # Part by part: the antimeridian may lie between two, and all of the Earth between their bounds.
+            parts = [geoid_heights_m(np.array(part.bounds)) for part in polygons_of(self.outline(zone))]
+            lower_m, upper_m = lower_m - max(map(max, parts)), upper_m - min(map(min, parts))
         return zone.band.above(lower_m, upper_m, datum)
