@@ -99,8 +99,9 @@ class HeatmapSource:
         """What is said where models see pictures of this size far smaller than they are."""
         from crowdfence.detector.validity import shrunk_warning
 
-        contracts = [member.contract for member in self.members] or [self.contract]
-        told = (shrunk_warning(one, width, height, gsd_m) for one in contracts if one is not None)
+        alone = [] if self.contract is None else [self.contract]
+        contracts = [member.contract for member in self.members] or alone
+        told = (shrunk_warning(one, width, height, gsd_m) for one in contracts)
         return [text for text in told if text is not None]
 
     def far_looks(self) -> FarLooks:
