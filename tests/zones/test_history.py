@@ -49,6 +49,15 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, options: dict[str, obj
                     assert value == expected or value != value, field.name
 
 
+@pytest.mark.parametrize("name", ["format", "version", "anchor_wgs84", "ground", "instants"])
+def test_a_description_says_nothing_in_the_place_of_the_file(tmp_path: Path, name: str) -> None:
+    """It was written, and could not be read again, or lay nowhere on Earth."""
+    told = dataclasses.replace(flown(), description={"mission": "race", name: None})
+    with pytest.raises(ValueError, match=f"description has '{name}', which is the file's own"):
+        told.write(tmp_path / "history.jsonl")
+    assert not (tmp_path / "history.jsonl").exists()
+
+
 def test_the_ground_of_the_map_is_written_too(tmp_path: Path) -> None:
     ground = shapely.union_all([shapely.box(0, 0, 3, 1), shapely.box(5, 0, 6, 1 / 3)])
     dataclasses.replace(flown(), ground=ground).write(tmp_path / "history.jsonl")

@@ -34,6 +34,8 @@ VERSION = 2
 """Since 2 an instant whose zones of others are those of the instant before does not name them."""
 _READ = (1, 2)
 _FORMAT = "crowdfence zone history"
+_OF_FILE = ("format", "version", "anchor_wgs84", "ground", "instants")
+"""What its first line says beside the description."""
 _OUTLINES = ("polygon", "crowd_outline")
 _GROUPS = ("zones", "unseen", "static")
 _OF_ZONES = tuple(field.name for field in fields(Zone))
@@ -92,7 +94,10 @@ class ZoneHistory:
         return (event for zones in self.sets for event in zones.events)
 
     def write(self, path: str | PathLike[str]) -> None:
-        """Write the file. OSError when it cannot be written."""
+        """Write the file. OSError when it cannot be written, ValueError for a description that says what the
+        file itself does."""
+        if said := [name for name in _OF_FILE if name in self.description]:
+            raise ValueError(f"description has {said[0]!r}, which is the file's own; call it otherwise")
         anchor = self.georeference
         header = {
             "format": _FORMAT,
@@ -148,13 +153,12 @@ class ZoneHistory:
                     raise ValueError(f"{len(stamps_ns)} instants where its first line says {promised}")
                 if not sets:
                     raise ValueError("it holds no instant")
-                known = {"format", "version", "anchor_wgs84", "ground", "instants"}
                 ground = header.get("ground")
                 return ZoneHistory(
                     stamps_ns,
                     sets,
                     None if anchor is None else Georeference(*anchor),
-                    {name: value for name, value in header.items() if name not in known},
+                    {name: value for name, value in header.items() if name not in _OF_FILE},
                     None if ground is None else polygon_of(ground),
                 )
             except ZoneHistoryError:
