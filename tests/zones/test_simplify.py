@@ -224,6 +224,16 @@ def test_a_large_outline_keeps_its_budget() -> None:
     assert result.area < shapely.convex_hull(ground).area
 
 
+def test_three_corners_cover_an_outline_with_coordinates_as_large_as_those_of_utm() -> None:
+    """South of the equator northings are just below 10,000 km: the triangle covered less than the outline,
+    and the run ended."""
+    outline = grown(shapely.box(9.9e6, -9.9e6, 9.9e6 + 1.0, -9.9e6 + 1.0), 7.3)
+    triangle = simplified(outline, max_vertices=3)
+    assert vertex_count(triangle) == 3 and triangle.covers(outline)
+    # Half of a right-angled rectangle of twice the sides, which is that around the outline.
+    assert triangle.area == pytest.approx(2.0 * 15.8862**2, rel=0.01)
+
+
 def test_a_needle_fits_into_three_corners() -> None:
     """Its own triangle would be so sharp that its mitre is cut off."""
     needle = shapely.Polygon([(0, 0), (200, 1e-5), (200, 2e-5), (100, 2e-5)])

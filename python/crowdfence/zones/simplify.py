@@ -105,14 +105,17 @@ def _covering(outline: Polygon | MultiPolygon, shape: Polygon | MultiPolygon) ->
 
 def _triangle_around(outline: Polygon | MultiPolygon) -> Polygon:
     """Twice the sides of the smallest rectangle: its far corner lies on the third side. That of a needle is
-    made wider, because a mitre as long as its point is has more corners than one."""
+    made wider, because a mitre as long as its point is has more corners than one. Counted from a corner of
+    the bounds: of coordinates like those of UTM the rectangle of GEOS is centimetres too small."""
     import shapely
 
     west, south, east, north = outline.bounds
+    origin = np.array([west, south])
+    outline = shapely.transform(outline, lambda corners: corners - origin)
     length_m = float(np.hypot(east - west, north - south))
     is_needle = shapely.oriented_envelope(outline).area < _NEEDLE * length_m**2
     around = shapely.buffer(outline, _NEEDLE * length_m if is_needle else MARGIN_M)
-    corners = np.asarray(shapely.oriented_envelope(around).exterior.coords)
+    corners = np.asarray(shapely.oriented_envelope(around).exterior.coords) + origin
     corner, along, _, across = corners[:4]
     return shapely.Polygon([corner, 2 * along - corner, 2 * across - corner])
 
