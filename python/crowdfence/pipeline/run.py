@@ -130,8 +130,9 @@ def run(
     static_left_out: Sequence[str] = (),
     on_step: OnStep | None = None,
 ) -> Run:
-    """Fuse a whole recording (`open_recording`) onto a terrain (`open_terrain`). `on_step` is called after
-    every instant, for progress or scores.
+    """Fuse a whole recording (`open_recording`) onto a terrain (`open_terrain`, which relates the two: the
+    metres of `Terrain.open` may count from elsewhere). `on_step` is called after every instant, for progress
+    or scores.
 
     `detector` makes the heatmaps: a `Detector` from the pictures, or any function frame -> heatmap [h, w];
     None takes the recorded ones. What `config` leaves open is filled in from a model's contract. `holes` are
