@@ -540,6 +540,17 @@ def test_a_truth_that_cannot_be_read_is_said_and_costs_no_frame(recorded, name, 
     assert any(said in warning for warning in recording.warnings)
 
 
+def test_people_without_a_place_leave_out_that_moment(recorded):
+    """NaN where somebody is not there yet ended an evaluation, without a word of whom or where."""
+    place = np.zeros((2, 3, 3), np.float32)
+    place[1, 2] = np.nan
+    write_people(recorded, [EPOCH_NS, EPOCH_NS + 10**9], place, [0, 0, 0])
+    recording = open_recording(recorded)
+    assert len(recording.people_truth(EPOCH_NS).person) == 3
+    with pytest.raises(ValueError, match=r"person 3 stands at \(nan, nan, nan\) m, which is no place"):
+        recording.people_truth(EPOCH_NS + 10**9)
+
+
 def write_world(folder, rows):
     (folder / "truth").mkdir(exist_ok=True)
     lines = ["stamp_ns,person,x,y,z,crowd", *(",".join(map(str, row)) for row in rows)]

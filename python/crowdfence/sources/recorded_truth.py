@@ -49,6 +49,11 @@ class RecordedPeople:
             raise ValueError(
                 f"{count} people need positions [{count}, 3] and one crowd (and pixel count) each"
             )
+        lost = ~np.isfinite(self.position).all(axis=1)
+        if lost.any():
+            first = int(lost.argmax())
+            place = ", ".join(f"{metres:g}" for metres in self.position[first])
+            raise ValueError(f"person {self.person[first]} stands at ({place}) m, which is no place")
 
 
 @dataclass(frozen=True, slots=True)
