@@ -143,6 +143,17 @@ def test_bad_input(change: dict[str, object], message: str) -> None:
         truth_from_positions(**arguments)  # type: ignore[arg-type]
 
 
+def test_positions_in_degrees_or_kilometres_are_no_crowd() -> None:
+    """A crowd of 400, sparse or as dense as one that crushes, is one; in degrees it stood on one voxel."""
+    square = np.stack([*np.meshgrid(np.arange(20.0), np.arange(20.0)), np.zeros((20, 20))], axis=-1)
+    people = square.reshape(-1, 3)
+    for spacing_m in (0.25, 1.0):
+        assert (crowds_of(people * spacing_m, 2.0, 3) == 0).all()
+    for other in (people / 1000.0, np.array([46.5, 8.0, 0.0]) + people / 111_000.0):
+        with pytest.raises(ValueError, match="400 people have 400 others within 2.0 m on average; check"):
+            crowds_of(other, 2.0, 3)
+
+
 def test_positions_in_the_wrong_unit_are_refused_before_memory_runs_out() -> None:
     crowded = np.zeros((8000, 3))
     with pytest.raises(ValueError, match="8000 people have 8000 others within 2"):

@@ -13,6 +13,10 @@ PERSON_RADIUS_M = 1.0
 """Ground that one person of a crowd takes up: an arm's length around."""
 
 MAX_NEIGHBOURS = 50_000_000
+MOST_PER_M2 = 20.0
+"""No crowd is as dense, twice what crushes people: such positions are in degrees or kilometres."""
+_FEW = 100
+"""Neighbours that say nothing of a unit, within whatever radius."""
 
 _HEIGHT_NEIGHBOURS = 4
 _HEIGHT_SOFTENING_M2 = 0.05
@@ -120,7 +124,9 @@ def crowds_of(positions_enu: ArrayLike, radius_m: float, min_people: int) -> NDA
         return crowd_of_person
     tree = cKDTree(feet[:, :2])
     neighbours = tree.query_ball_point(feet[:, :2], radius_m, return_length=True)
-    if neighbours.sum() > MAX_NEIGHBOURS:
+    # On the mean: a few may be recorded at one place.
+    most = max(MOST_PER_M2 * np.pi * radius_m**2, _FEW)
+    if neighbours.sum() > MAX_NEIGHBOURS or neighbours.mean() > most:
         raise ValueError(
             f"{len(feet)} people have {neighbours.mean():.0f} others within {radius_m} m on average; "
             "check the unit of the positions or use a smaller radius_m"
