@@ -1,12 +1,13 @@
 """Wildtrack and MultiviewX: small folders in their layouts, read back and mapped."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from crowdfence import OrConfig, ProjectionConfig, RunConfig, open_terrain
+from crowdfence import FrameError, OrConfig, ProjectionConfig, RunConfig, open_terrain
 from crowdfence.evaluation.replay import score
 from crowdfence.sources import is_recording, open_recording
 from support.command_line import crowdfence
@@ -44,6 +45,27 @@ def test_cameras_people_and_pictures(folder: Path) -> None:
         assert (people.position[:, 2] == 0.0).all()
     first, second = (recording.frames[at].stamp_ns for at in (0, 2))
     assert second - first == 500_000_000  # twice a second, in either numbering
+
+
+def edit_first_annotations(folder: Path, change: Callable[[list[dict]], object]) -> None:
+    path = min((folder / "annotations_positions").iterdir())
+    people = json.loads(path.read_text())
+    change(people)
+    path.write_text(json.dumps(people))
+
+
+def test_people_who_are_annotated_twice_are_there_once(folder: Path) -> None:
+    edit_first_annotations(folder, lambda people: people.extend(people[:2]))
+    recording = open_recording(folder)
+    people = recording.people_truth(recording.frames[0].exposure_ns())
+    assert people is not None and people.person.tolist() == [1, 2, 3, 4]
+
+
+def test_a_view_of_no_camera_is_refused_and_not_counted_from_the_last(folder: Path) -> None:
+    edit_first_annotations(folder, lambda people: people[0]["views"][0].update(viewNum=-1))
+    recording = open_recording(folder)
+    with pytest.raises(FrameError, match="viewNum is -1; there are 2 cameras"):
+        recording.frames[0].heatmap()
 
 
 def test_a_picture_that_is_missing_is_told_and_its_spelling_is_free(tmp_path: Path) -> None:

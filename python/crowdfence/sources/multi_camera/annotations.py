@@ -34,7 +34,9 @@ def annotation_files(folder: Path) -> dict[int, Path]:
 def read_annotations(path: Path, layout: Layout, cameras: int) -> Annotated:
     """ValueError for a file that is no annotation of this layout."""
     try:
-        people = json.loads(path.read_text(encoding="utf-8"))
+        listed = json.loads(path.read_text(encoding="utf-8"))
+        # Who is listed twice at one place would make a crowd of a couple.
+        people = list({(int(one["personID"]), int(one["positionID"])): one for one in listed}.values())
         position = [(*place_m(layout, int(one["positionID"])), 0.0) for one in people]
         person = [int(one["personID"]) + 1 for one in people]
         boxes: list[list[list[float]]] = [[] for _ in range(cameras)]
@@ -42,7 +44,7 @@ def read_annotations(path: Path, layout: Layout, cameras: int) -> Annotated:
             for view in one["views"]:
                 box = _box(view)
                 if box is not None:
-                    boxes[int(view["viewNum"])].append(box)
+                    boxes[_camera(view, cameras)].append(box)
         return Annotated(
             np.array(person, np.uint32),
             np.array(position, np.float32).reshape(-1, 3),
@@ -50,6 +52,13 @@ def read_annotations(path: Path, layout: Layout, cameras: int) -> Annotated:
         )
     except (ValueError, KeyError, TypeError, IndexError, OverflowError, RecursionError) as error:
         raise ValueError(f"{path} is no annotation of {layout.name}: {error!r}") from error
+
+
+def _camera(view: dict[str, Any], cameras: int) -> int:
+    number = int(view["viewNum"])
+    if not 0 <= number < cameras:
+        raise ValueError(f"viewNum is {number}; there are {cameras} cameras")
+    return number
 
 
 def _box(view: dict[str, Any]) -> list[float] | None:
