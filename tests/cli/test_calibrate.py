@@ -348,6 +348,25 @@ def test_intervals_over_three_missions_are_called_too_narrow(calibrated: tuple[P
     assert any("3 missions only: intervals" in warning for warning in calibrated[2]["warnings"])
 
 
+def test_two_kinds_of_truth_in_one_table_are_told(data: list[Path], tmp_path: Path) -> None:
+    """Of one mission it is known where people stood, of the other what the pictures show of them."""
+    world = Path(shutil.copytree(data[0], tmp_path / "world"))
+    east, north, up = ground()[0]
+    rows = [
+        f"{stamp_ns},{person},{east + person},{north},{up},0"
+        for stamp_ns in sorted({frame.stamp_ns for frame in open_recording(world).frames})
+        for person in range(1, 4)
+    ]
+    (world / "truth" / "world.csv").write_text("\n".join(["stamp_ns,person,x,y,z,crowd", *rows]) + "\n")
+    model = noisy_model(tmp_path / "noisy.onnx", sharpness=1.0)
+    told = "two truths of voxels in one table: where people stood in world, the labels of pictures in mission"
+    done = calibrate(model, [world, data[1]], tmp_path / "a.onnx", "--json")
+    assert done.returncode == 0, done.stderr
+    assert sum(warning.startswith(told) for warning in json.loads(done.stdout)["warnings"]) == 1
+    done = calibrate(model, [world, data[1]], tmp_path / "b.onnx", "--truth", "labels")
+    assert done.returncode == 0 and "two truths" not in done.stderr
+
+
 def test_a_folder_of_recordings_without_truth_is_refused(tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "plain", flight(frames=2))
     done = calibrate(noisy_model(tmp_path / "m.onnx", sharpness=1.0), [folder], tmp_path / "out.onnx")

@@ -106,6 +106,8 @@ class LabelledMissions:
         """What is doubtful about the recordings and the maps that were opened, in order, each once."""
         self._name_of: dict[tuple[bytes, ...], str] = {}
         """Of the missions that were opened, by some of their pictures."""
+        self._first_with: dict[str, str] = {}
+        """The first mission of each kind of truth of voxels."""
 
     def opened(self, *, with_maps: bool) -> Iterator[LabelledMission]:
         """One mission after the other; maps are opened if wanted here or needed for the labels. ValueError
@@ -154,6 +156,17 @@ class LabelledMissions:
         doubts = [*ground.doubts, *([] if beside is None else [beside])]
         self.doubts |= {f"{name}: {doubt}": None for doubt in doubts}
         return ground.terrain
+
+    def judged_by(self, mission: LabelledMission, truth: Literal["world", "labels"]) -> None:
+        """A mission's voxels have this truth. Labels reach behind people where these are outlined: a doubt
+        where others have another."""
+        self._first_with.setdefault(truth, mission.name)
+        if len(self._first_with) > 1:
+            world, labels = self._first_with["world"], self._first_with["labels"]
+            self.doubts[
+                f"two truths of voxels in one table: where people stood in {world}, the labels of pictures "
+                f"in {labels}, which records no people; calibrate --truth labels takes one"
+            ] = None
 
     def over_frames(self, mission: LabelledMission, use: Callable[[Frame], None]) -> int:
         """Call `use` for every n-th frame of each drone and return how many could be used. A frame for which

@@ -60,7 +60,7 @@ def measure(
             without_map.append(mission.name)
         else:
             settings = _same_settings(settings, mission, plan)
-            projection = _projection(mission, plan)
+            projection = _projection(missions, mission)
 
         def use(
             frame: Frame,
@@ -100,7 +100,7 @@ def measure_rates(
     for mission in missions.opened(with_maps=True):
         if mission.terrain is None:
             raise ValueError(f"{mission.name} comes without a map: rates per voxel need one")
-        settings, projection = _same_settings(settings, mission, plan), _projection(mission, plan)
+        settings, projection = _same_settings(settings, mission, plan), _projection(missions, mission)
 
         def use(
             frame: Frame, mission: LabelledMission = mission, projection: LabelledProjection = projection
@@ -134,9 +134,10 @@ def _same_settings(
     return ProjectionSettings(size_m, plan.target_height_m, plan.max_range_m, plan.coverage, plan.surface)
 
 
-def _projection(mission: LabelledMission, plan: MeasurementPlan) -> LabelledProjection:
+def _projection(missions: LabelledMissions, mission: LabelledMission) -> LabelledProjection:
     assert mission.terrain is not None
-    return LabelledProjection(
+    plan = missions.plan
+    projection = LabelledProjection(
         mission.recording,
         mission.terrain,
         target_height_m=plan.target_height_m,
@@ -147,3 +148,5 @@ def _projection(mission: LabelledMission, plan: MeasurementPlan) -> LabelledProj
         mask_of=mission.mask_of,
         ignore_of=mission.ignore_of,
     )
+    missions.judged_by(mission, projection.truth)
+    return projection
