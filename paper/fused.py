@@ -42,7 +42,7 @@ def fused(mission: Mission | Weakened, settings: Sequence[Setting], kept: Path) 
     compiled core is not made again."""
     kept.mkdir(parents=True, exist_ok=True)
     core = Path(_core.__file__).read_bytes()
-    made_from = {one.name: digest(mission.made_from, core, one.method) for one in settings}
+    made_from = {one.name: digest(mission.taken_as, core, one.method) for one in settings}
     missing = [one for one in settings if _made_from(_file(kept, one)) != made_from[one.name]]
     judged = [_Judged(one, mission) for one in missing]
     truth = TruthMap(mission.terrain.voxel_count)

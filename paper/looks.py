@@ -69,6 +69,8 @@ class Mission:
         assert model is not None
         self.made_from = digest(cf.__version__, model.read_bytes(), LITERAL, self._recording.manifest)
         """What the looks follow from."""
+        self.taken_as = digest(self.made_from, self.rates)
+        """The same, with how good the detector is taken to be: what fused looks follow from."""
 
     @property
     def contract(self) -> Contract:
@@ -173,7 +175,10 @@ class Weakened:
     def __init__(self, mission: Mission) -> None:
         self.name, self.terrain, self.drones = mission.name, mission.terrain, mission.drones
         self.contract, self.prior = mission.contract, mission.prior
-        self._mission, self.made_from = mission, mission.made_from
+        self._mission = mission
+        weaker_by = (self.MISSED, self.INVENTED, self.SIDE_M, self.MOMENT_S)
+        self.taken_as = digest(mission.made_from, *weaker_by)
+        """What the weakened looks follow from; how good they are is measured on them."""
 
     def looks(self) -> Iterator[Look]:
         for look in self._mission.looks():

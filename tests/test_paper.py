@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -79,14 +80,33 @@ def test_the_weakened_detector_is_weaker(results: Path) -> None:
     assert weakened < 0.5 * shipped
 
 
-def test_a_mission_of_other_pictures_is_another_mission(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What was kept of a short try stood in the table of the whole one."""
+def looks_of_the_paper() -> ModuleType:
     spec = importlib.util.spec_from_file_location("looks", ROOT / "paper" / "looks.py")
     assert spec is not None and spec.loader is not None
     looks = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(looks)
+    return looks
+
+
+def test_looks_of_another_weakening_or_other_rates_are_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever changed how much a detector misses, or its rates, had the table of before again."""
+    looks = looks_of_the_paper()
+    before = looks.Mission("bundled", DEMO, tmp_path)
+    weakened = looks.Weakened(before)
+    monkeypatch.setattr(looks.Mission, "rates", looks.Rates(0.8, 0.01))
+    monkeypatch.setattr(looks.Weakened, "MISSED", 0.5)
+    after = looks.Mission("bundled", DEMO, tmp_path)
+    assert after.made_from == before.made_from and after.taken_as != before.taken_as
+    assert looks.Weakened(before).taken_as != weakened.taken_as
+
+
+def test_a_mission_of_other_pictures_is_another_mission(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was kept of a short try stood in the table of the whole one."""
+    looks = looks_of_the_paper()
     asked: list[list[str]] = []
     monkeypatch.setattr(looks.subprocess, "run", lambda command, check: asked.append(command))
     tried = [(7, 6, "64x48"), (7, 6, "320x240"), (7, 1056, "320x240"), (8, 1056, "320x240")]
