@@ -637,6 +637,13 @@ def test_training_stops_when_validation_does_not_improve(tmp_path: Path):
     assert again.stopped_early and again.history == stopped.history
 
 
+def test_a_copy_of_what_is_trained_on_is_no_validation():
+    """Under another path it was taken for held out, and the best weights were those that knew it by heart."""
+    copy = replace(squares(3), name="copy")
+    with pytest.raises(ValueError, match="mission copy holds the frames of squares-3, which is trained on"):
+        train([squares(1), squares(3)], [squares(2), copy], PLAN)
+
+
 def test_training_without_validation_is_refused():
     with pytest.raises(ValueError, match="at least one validation mission"):
         train([squares(1)], [], PLAN)

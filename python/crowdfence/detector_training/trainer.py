@@ -114,8 +114,8 @@ def train(
     plan freezes them. `teacher` is the checkpoint of another training with the same targets, of a larger
     network as a rule, whose answers on the same crops this one learns beside the labels.
 
-    ValueError for missions without frames or without a crowd, a checkpoint of another plan, other missions or
-    another start, weights of another network, or a loss that is not finite.
+    ValueError for missions without frames or without a crowd, one in both places, a checkpoint of another
+    plan, other missions or another start, weights of another network, or a loss that is not finite.
     """
     device = device or default_device()
     if not validation:
@@ -125,7 +125,15 @@ def train(
         raise ValueError("the training missions hold no usable frame")
     for what, some in (("training", missions), ("validation", validation)):
         _require_crowd(what, some, plan.targets)
-    run = _Run(plan, device, {"missions": _digests(missions), "validation missions": _digests(validation)})
+    digests, held_out = _digests(missions), _digests(validation)
+    for mission, digest in zip(validation, held_out, strict=True):
+        if digest in digests:
+            same = missions[digests.index(digest)].name
+            raise ValueError(
+                f"the validation mission {mission.name} holds the frames of {same}, which is trained on: it "
+                "would vouch for itself; take another one"
+            )
+    run = _Run(plan, device, {"missions": digests, "validation missions": held_out})
     if initial is not None:
         run.start_from(initial)
     taught_by = None if teacher is None else run.learn_from(teacher)
