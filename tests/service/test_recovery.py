@@ -83,6 +83,25 @@ def test_a_snapshot_that_fails_stops_no_view(tmp_path: Path, monkeypatch: pytest
         assert state(service) == expected
 
 
+def test_where_drones_were_before_a_restart_is_not_known_and_not_denied(tmp_path: Path) -> None:
+    """Positions are of this start: of those before it nobody may say that a drone had not come yet."""
+
+    def standing(service: Service, at: int) -> dict[str, str]:
+        with asked(service) as http:
+            found = http.get(f"/api/v1/drones?at={at}").json()
+        return {one["drone"]: one["status"] for one in found["drones"]}
+
+    flown = [view("uav1", number) for number in range(10)]
+    first, last = flown[0].stamp_ns, flown[-1].stamp_ns
+    with running(tmp_path / "data") as service:
+        give(service, flown)
+        assert standing(service, first - 1) == {"uav1": "never"}
+        assert standing(service, first) == {"uav1": "ok"}
+    with running(tmp_path / "data") as service:
+        assert standing(service, first) == {"uav1": "unknown"}
+        assert standing(service, last) == {"uav1": "ok"}  # its last view was still waiting
+
+
 def test_the_files_of_a_running_service_hold_everything_that_it_acknowledged(tmp_path: Path) -> None:
     flown = views(12)
     with running(tmp_path / "one") as service:

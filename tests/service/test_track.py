@@ -55,6 +55,14 @@ def test_it_tells_the_newest_until_a_stamp_and_the_way_there(
     assert len(set(np.diff(places).tolist())) <= 1, "evenly thinned"
 
 
+def test_it_knows_whether_it_holds_all() -> None:
+    track = Track(4)
+    for number in range(5):
+        assert not track.has_forgotten
+        track.add(sighting(number))
+    assert track.has_forgotten and track.at(START_NS) is None
+
+
 def test_beyond_its_room_the_older_half_goes() -> None:
     track = Track(100)
     for number in range(1000):

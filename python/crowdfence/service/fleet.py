@@ -26,7 +26,8 @@ _LEAPS = 4
 _LEAP_M, _LEAP_MPS = 30.0, 100.0
 """No small drone goes so far so fast."""
 
-DroneStatus = Literal["ok", "stale", "never"]
+DroneStatus = Literal["ok", "stale", "never", "unknown"]
+"""Unknown: of then nobody knows any more whether it had given a view."""
 
 
 class Fleet:
@@ -51,6 +52,8 @@ class Fleet:
         self._places: dict[str, tuple[int, NDArray[np.float64]]] = {}
         self._footprints: dict[str, tuple[int, list[list[float]]]] = {}
         self._lock = Lock()
+        self.restarted_ns = 0
+        """Up to then views may have come before a restart, after which where they were from is not known."""
 
     @property
     def drones(self) -> tuple[str, ...]:
@@ -108,7 +111,8 @@ class Fleet:
             track = self._tracks[drone]
             last, trail = track.at(at_ns), track.trail(at_ns, TRAIL) if trails else None
         if last is None:
-            return {**_NEVER, "drone": drone}
+            is_lost = at_ns is not None and (track.has_forgotten or at_ns <= self.restarted_ns)
+            return {**_NEVER, "drone": drone, "status": "unknown" if is_lost else "never"}
         age_s = ((now_ns if at_ns is None else at_ns) - last.stamp_ns) / _SECOND_NS
         is_known = age_s >= -self._max_ahead_s  # else the clock was another one then
         told = {

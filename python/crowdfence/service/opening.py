@@ -176,6 +176,7 @@ def live(
         )
         damaged = going.applying.recover()
         clock.saw(going.newest_ns)
+        service.fleet.restarted_ns = going.newest_ns
         _check_clock(store, clock, going.newest_ns, settings.max_ahead_s)
         told = [damaged, _commits_lost(store.lost_commits), _alerts_lost(service.alerts.unread)]
         lost = "; ".join(one for one in told if one)

@@ -32,6 +32,8 @@ class Track:
         self._most = most
         self._rows = np.zeros(min(_FIRST_ROOM, most), _ROW)
         self._cameras: list[Camera] = []
+        self.has_forgotten = False
+        """Whether there were sightings before those that it holds."""
 
     def __len__(self) -> int:
         return len(self._cameras)
@@ -54,6 +56,7 @@ class Track:
             larger[:count] = self._rows
             self._rows = larger
             return count
+        self.has_forgotten = True
         gone = (count + 1) // 2
         self._rows[: count - gone] = self._rows[gone:].copy()
         del self._cameras[:gone]

@@ -117,7 +117,8 @@ export interface Drone {
   footprint: Place[];
   trail?: Place[];
   range_m: number | null;
-  status: "ok" | "stale" | "never";
+  /** Unknown: of that moment of the past nobody knows any more. */
+  status: "ok" | "stale" | "never" | "unknown";
   picture: boolean;
   heatmap: boolean;
   /** From its stamp to its arrival, of the quickest view of late; of now; null where no clock tells. */

@@ -74,5 +74,6 @@ export const STANDING_WORDS: Record<Standing, string> = {
   ok: "on time",
   stale: "silent",
   never: "none yet",
+  unknown: "not known any more",
   "left-out": "left out",
 };

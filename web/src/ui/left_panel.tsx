@@ -102,7 +102,7 @@ function Fleet() {
                 </svg>
                 <span class="row-main">
                   <span>{drone.drone}</span>
-                  <small title={drone.left_out?.reason}>{drone.left_out ? "left out" : drone.stamp_ms === null ? "no view yet" : drone.status === "stale" ? `silent ${duration((now - drone.stamp_ms) / 1000)}` : ago(drone.stamp_ms, now)}</small>
+                  <small title={drone.left_out?.reason}>{drone.left_out ? "left out" : drone.status === "unknown" ? "not known any more" : drone.stamp_ms === null ? "no view yet" : drone.status === "stale" ? `silent ${duration((now - drone.stamp_ms) / 1000)}` : ago(drone.stamp_ms, now)}</small>
                 </span>
                 <span class="row-figures">
                   <b>{Number.isFinite(over) ? length(over, units) : "–"}</b>
