@@ -40,6 +40,28 @@ def test_points_are_the_figures_of_the_moments_whatever_zones_there_were(tmp_pat
     assert [type(point["zones"]) for point in points] == [int, int]
 
 
+def test_points_are_in_the_order_of_their_stamps(tmp_path: Path) -> None:
+    """An operator acts at 40 s, the steps of 20 and 30 s come behind: who looks for one among the points by
+    halves found another."""
+    store = Store(tmp_path, durable=False)
+    timeline = Timeline(store)
+    zone = Zone.of_no_look("Z1", shapely.box(0, 0, 2, 2), "crowd", "seen")
+    for number, stamp_s in enumerate((10, 40, 20, 30, 50), 1):
+        zones = ZoneSet((zone,), 0.5, 0.0, 0, 0.0)
+        timeline.add(Moment(number, stamp_s * 1_000_000_000, zones, {}, {"zones": number}))
+    store.flush()
+    points, history = timeline.points(), timeline.zone_history("Z1")["points"]
+    store.close()
+    assert [(point["stamp_ms"], point["zones"]) for point in points] == [
+        (10_000.0, 1),
+        (20_000.0, 3),
+        (30_000.0, 4),
+        (40_000.0, 2),
+        (50_000.0, 5),
+    ]
+    assert [point["stamp_ms"] for point in history] == [10_000.0, 20_000.0, 30_000.0, 40_000.0, 50_000.0]
+
+
 def test_what_became_of_a_zone_is_told_however_long_it_lasts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -153,7 +153,7 @@ class Timeline:
         return None if following is None else int(following)
 
     def points(self) -> list[dict[str, Any]]:
-        """Figures over time, at most `MOST_POINTS`, the newest among them."""
+        """Figures over time, in the order of their stamps, at most `MOST_POINTS`, the newest among them."""
         return [
             {**moment_json("stamp", stamp_ns), **figures}
             for stamp_ns, figures in self._figures(told=_WITHOUT_OWN)
@@ -227,7 +227,7 @@ class Timeline:
             "WITH RECURSIVE wanted (number) AS "
             "(SELECT ?1 UNION ALL SELECT number - ?2 FROM wanted WHERE number - ?2 >= ?3) "
             f"SELECT stamp_ns, {told} FROM wanted JOIN moments USING (number) WHERE {_IS_WHOLE} "
-            "ORDER BY number",
+            "ORDER BY stamp_ns, number",
             (last, stride, first),
         ):
             yield stamp_ns, json.loads(figures)
