@@ -163,7 +163,7 @@ def give(http: TestClient, message: ViewMessage) -> Any:
 
 def test_the_pose_of_a_view_is_that_of_the_recorded_camera(tmp_path: Path) -> None:
     """Positions at 10 Hz, the gimbal at 50 Hz, the time of day from SYSTEM_TIME."""
-    now, port = Now(frames()[-1].stamp_ns), port_of()
+    now, port = Now(rows()[-1].stamp_ns), port_of()
     with listening(tmp_path, now, port, SEA) as (service, http):
         messages = [position(rows()[0]), system_time(rows()[0])]
         for number, row in enumerate(rows()):
@@ -245,7 +245,7 @@ def test_two_drones_of_one_system_id_are_not_mixed(tmp_path: Path) -> None:
         other = replace(row, position=row.position + up, stamp_ns=row.stamp_ns + 7_000_000)
         return [position(other), gimbal(other)]
 
-    now, port = Now(frames()[-1].stamp_ns), port_of()
+    now, port = Now(rows()[-1].stamp_ns), port_of()
     with listening(tmp_path, now, port, SEA) as (service, http):
         first, second = Vehicle(port), Vehicle(port)
         first.say([position(rows()[0]), system_time(rows()[0])])
@@ -265,7 +265,7 @@ def test_two_drones_of_one_system_id_that_both_go_on_are_an_alarm(
     """When the first fell silent the poses of the second were taken for its own, and only the log had said
     that there are two."""
     monkeypatch.setattr(mavlink_link, "_HANDOVER_S", 0.3)
-    now, port = Now(frames()[-1].stamp_ns), port_of()
+    now, port = Now(rows()[-1].stamp_ns), port_of()
     with listening(tmp_path, now, port, SEA) as (service, _):
         first, again, second = Vehicle(port), Vehicle(port), Vehicle(port)
         feed, flown = service.live.poses.feeds["uav1"], iter(rows())  # type: ignore[union-attr]
@@ -318,7 +318,7 @@ def test_drones_that_nothing_tells_apart_on_one_port_are_refused(
 def test_one_message_that_cannot_be_taken_does_not_end_all_poses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now, port = Now(frames()[-1].stamp_ns), port_of()
+    now, port = Now(rows()[-1].stamp_ns), port_of()
     with listening(tmp_path, now, port, SEA) as (service, _):
         vehicle, taken = Vehicle(port), []
 
@@ -376,7 +376,7 @@ def test_a_mount_stands_in_for_a_gimbal_and_the_map_for_heights_above_the_take_o
     row = rows()[0]
     pitch_deg = float(row.yaw_pitch_roll_deg[1])
     mount = TelemetryOptions(mount=CameraMount("level", pitch_deg))
-    now, port = Now(frames()[-1].stamp_ns), port_of()
+    now, port = Now(rows()[-1].stamp_ns), port_of()
     with listening(tmp_path, now, port, mount) as (service, http):
         messages = [position(row), system_time(row), home(row)]
         messages += [make(one) for one in rows()[::2] for make in (position, attitude)]
@@ -437,7 +437,7 @@ def test_views_without_telemetry_wait_and_are_refused_with_the_reason(tmp_path: 
         stranger = give(http, view(0).model_copy(update={"drone": "uav7"}))
         assert stranger.status_code == 422 and "world_from_camera" in stranger.json()["detail"]
         # A gap of 3 s around the view.
-        stamp_ns = now.ns = frames()[3].stamp_ns
+        stamp_ns, now.ns = frames()[3].stamp_ns, rows()[-1].stamp_ns
         kept = [row for row in rows() if abs(row.stamp_ns - stamp_ns) > 1.5e9]
         messages = [position(rows()[0]), system_time(rows()[0])]
         messages += [make(row) for row in kept for make in (position, gimbal)]
@@ -490,6 +490,33 @@ def test_stale_telemetry_is_an_alarm_that_is_shown_published_and_logged(
         assert 'crowdfence_alerts_active{kind="pose_gap",level="alarm"} 1.0' in http.get("/metrics").text
         logged = [one for one in caplog.records if getattr(one, "kind", "") == "pose_gap"]
         assert len(logged) == 2 and all(one.levelname == "ERROR" for one in logged)
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "alarmed", "taken"), [(0.3, False, True), (1.5, True, True), (18.0, True, False)]
+)
+def test_poses_that_are_stamped_ahead_of_the_clock_are_told_of(
+    tmp_path: Path, ahead_s: float, alarmed: bool, taken: bool
+) -> None:
+    """An autopilot that does not answer TIMESYNC and counts by satellites, 18 s ahead of UTC: each view got
+    the pose of 18 s before, and nothing was said."""
+    now, port = Now(frames()[4].stamp_ns), port_of()
+    flown = [row for row in rows() if row.stamp_ns <= now.ns]
+    with listening(tmp_path, now, port, SEA, wait_s=0.05) as (service, http):
+        ahead = mavlink.MAVLink_system_time_message(
+            (flown[0].stamp_ns + round(ahead_s * SECOND_NS)) // 1000, boot_ms(flown[0])
+        )
+        messages = [position(flown[0]), ahead]
+        Vehicle(port).say([*messages, *(make(row) for row in flown for make in (position, gimbal))])
+        until(lambda: newest_ns(service) > flown[-1].stamp_ns + (ahead_s - 0.005) * SECOND_NS)
+        Watch(service).look()
+        alert = service.alerts.active("pose_gap", "uav1")
+        assert (alert is not None) == alarmed
+        if alert is not None:
+            off_s = ahead_s + (flown[-1].stamp_ns - now.ns) / 1e9
+            assert f"the newest is {off_s:.1f} s ahead of the clock of the service" in alert.text
+        answer = give(http, view(4))
+        assert answer.status_code == (202 if taken else 422), answer.text
 
 
 def test_the_autopilot_is_asked_for_the_time_and_for_its_home(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -170,6 +171,7 @@ def live(
                 wait_s=settings.pose_wait_s,
                 stale_s=settings.pose_stale_s,
                 started_ns=clock.now_ns(),
+                max_ahead_s=settings.max_ahead_s if clock.kind == "system" else math.inf,
                 offsets=inputs.offsets,
             ),
             detector_threads=detector_threads,

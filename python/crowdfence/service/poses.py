@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from threading import Condition
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from crowdfence.iso_time import iso_utc
 from crowdfence.service.gate import Refused
+from crowdfence.service.view_lag import AHEAD_S
 from crowdfence.sources.pose_offset import PoseOffset
 
 _SETTLED_NS = 300_000_000
@@ -55,12 +57,15 @@ class Poses:
         wait_s: float,
         stale_s: float,
         started_ns: int,
+        max_ahead_s: float = math.inf,
         offsets: Mapping[str, PoseOffset] | None = None,
     ) -> None:
         """A view waits `wait_s` for poses around its stamp; a feed that has told nothing for `stale_s` is
-        stale. `offsets`: what the poses of a drone are constantly off."""
+        stale, and one that is more than `max_ahead_s` ahead of the clock gives no pose (infinite: there is no
+        clock to compare it with). `offsets`: what the poses of a drone are constantly off."""
         self.feeds, self._offsets = dict(feeds), dict(offsets or {})
         self._wait_s, self._stale_s, self._started_ns = wait_s, stale_s, started_ns
+        self._max_ahead_s = max_ahead_s
         self._gaps: dict[str, tuple[int, str]] = {}
         """The last view of each drone that got no pose: when, and why."""
 
@@ -96,10 +101,15 @@ class Poses:
         feed = self.feeds.get(drone)
         if feed is None:
             raise Refused(422, f"a view of {drone} needs world_from_camera: nobody else tells its pose")
-        give_up_s = time.monotonic() + self._wait_s
+        began_s = time.monotonic()
+        give_up_s = began_s + self._wait_s
         with feed.changed:
             while True:
                 newest_ns, reason = feed.newest_ns, ""
+                waited_ns = round((time.monotonic() - began_s) * _SECOND_NS)
+                ahead_s = self._ahead_s(drone, newest_ns, now_ns + waited_ns)
+                if ahead_s > self._max_ahead_s:
+                    raise self._gap(drone, 422, _ahead(ahead_s), now_ns)
                 if newest_ns is not None and newest_ns >= stamp_ns:
                     try:
                         return feed.pose_at(stamp_ns)
@@ -115,6 +125,12 @@ class Poses:
                 if left_s <= 0.0:
                     raise self._gap(drone, 503, reason, now_ns)
                 feed.changed.wait(left_s)
+
+    def _ahead_s(self, drone: str, newest_ns: int | None, now_ns: int) -> float:
+        """By how much the newest pose of a drone, put right, is later than now."""
+        offset = self._offsets.get(drone)
+        right_s = 0.0 if offset is None else offset.time_s
+        return -math.inf if newest_ns is None else (newest_ns - now_ns) / _SECOND_NS - right_s
 
     def _gap(self, drone: str, status: int, reason: str, now_ns: int) -> Refused:
         said = f"the pose of {drone} is not known at its view: {reason}"
@@ -135,7 +151,19 @@ class Poses:
             last = f"the last is of {iso_utc(newest_ns)}" if newest_ns is not None else f"none, {feed.lacks}"
             said = f"no pose of {drone} for more than {self._stale_s:g} s, {last}"
             return f"{said}: its views are refused, zones stay; {feed.remedy}"
+        ahead_s = self._ahead_s(drone, newest_ns, now_ns)
+        if ahead_s > AHEAD_S and self._max_ahead_s < math.inf:
+            said = f"poses of {drone}: {_ahead(ahead_s)}"
+            return said if ahead_s <= self._max_ahead_s else f"{said}; its views are refused, zones stay"
         if feed.doubt is not None:
             return feed.doubt
         gap_ns, said = self._gaps.get(drone, (0, ""))
         return f"{said}; {feed.remedy}" if said and now_ns - gap_ns <= self._stale_s * _SECOND_NS else None
+
+
+def _ahead(ahead_s: float) -> str:
+    return (
+        f"the newest is {ahead_s:.1f} s ahead of the clock of the service, and none comes before its time: "
+        "each view would get the pose of an earlier moment; correct the clock that stamps them (SYSTEM_TIME "
+        "of an autopilot that does not answer TIMESYNC), or that of this machine"
+    )

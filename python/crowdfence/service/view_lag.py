@@ -16,8 +16,8 @@ _LEAST_SECONDS = 10
 _BEHIND_S = 1.5
 """What no network adds to every view."""
 _NOT_BEHIND_S = 1.0
-_AHEAD_S = 0.5
-"""No view comes before its stamp: clocks that are kept by GNSS or NTP differ by less."""
+AHEAD_S = 0.5
+"""No view, and no pose, comes before its stamp: clocks that are kept by GNSS or NTP differ by less."""
 _NOT_AHEAD_S = 0.3
 _CONSTANT_S = 0.5
 """Of half of the seconds above the quickest; a backlog that is sent or a link that chokes differs by more."""
@@ -53,6 +53,6 @@ class ViewLag:
         least_s = min(lags_s)
         if -_NOT_AHEAD_S <= least_s <= _NOT_BEHIND_S:
             return False
-        if -_AHEAD_S <= least_s <= _BEHIND_S or median(lags_s) - least_s > _CONSTANT_S:
+        if -AHEAD_S <= least_s <= _BEHIND_S or median(lags_s) - least_s > _CONSTANT_S:
             return None
         return True
