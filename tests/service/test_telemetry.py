@@ -182,6 +182,8 @@ def test_the_pose_of_a_view_is_that_of_the_recorded_camera(tmp_path: Path) -> No
 def sent_by(component: int, message: Any, *, later_ms: int = 0) -> Any:
     """As it comes from a component of the drone whose clock began so much later than the autopilot's."""
     message._header.srcComponent = component
+    if not hasattr(message, "time_boot_ms"):
+        return message
     message.time_boot_ms = (message.time_boot_ms - later_ms) % 2**32
     return message
 
@@ -225,6 +227,27 @@ def test_an_autopilot_that_counts_from_1970_is_laid_by_when_it_speaks_and_that_i
     assert said.startswith(
         f"the autopilot of uav1 does not know the time of day: its SYSTEM_TIME is {after_s:.0f} s after 1970"
     )
+
+
+def fix(kind: int, receiver: Any = mavlink.MAVLink_gps_raw_int_message, more: tuple[int, ...] = ()) -> Any:
+    return receiver(0, kind, 0, 0, 0, 65535, 65535, 0, 65535, 255, *more)
+
+
+def test_positions_without_satellites_are_told_of_as_in_a_log() -> None:
+    """Jammed, an autopilot goes on by its own motion: what was seen was put hundreds of metres away, and only
+    a run of the log said so."""
+    feed = Telemetry("uav1", ground(), mission().georeference, SEA)
+    row = rows()[0]
+    feed.heard(position(row), row.stamp_ns)
+    assert feed.doubt is None, "autopilots need not tell of their receivers"
+    feed.heard(fix(3), row.stamp_ns)
+    assert feed.doubt is None
+    feed.heard(fix(2), row.stamp_ns)
+    assert feed.doubt is not None and "positions of uav1 are by dead reckoning" in feed.doubt
+    feed.heard(sent_by(191, fix(3)), row.stamp_ns)
+    assert feed.doubt is not None, "a companion's receiver is not what the autopilot flies by"
+    feed.heard(fix(4, mavlink.MAVLink_gps2_raw_message, (0, 0)), row.stamp_ns)
+    assert feed.doubt is None
 
 
 def test_only_the_autopilot_answers_for_its_time(tmp_path: Path) -> None:

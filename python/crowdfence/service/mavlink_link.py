@@ -196,7 +196,7 @@ class MavlinkLink:
         # One that was started anew speaks from elsewhere, but not beside the one before.
         is_lasting = now_s - self._doubles.get(double, now_s) > 2.0 * _HANDOVER_S
         if is_lasting and telemetry.is_autopilot(who[1]):
-            telemetry.doubt = (
+            telemetry.confused = (
                 f"two senders speak as system {who[0]} at the port of {drone}: one is heard, and as soon as "
                 "it falls silent the other is taken for it; give drones system ids of their own "
                 "(MAV_SYS_ID of PX4, SYSID_THISMAV of ArduPilot), or acknowledge this where they are two "
@@ -228,7 +228,7 @@ class MavlinkLink:
                 return name
         if self._by_first is not None:
             taken = self._systems[self._by_first]
-            self._telemetry[self._by_first].doubt = (
+            self._telemetry[self._by_first].confused = (
                 f"autopilots with the system ids {taken} and {system} speak at the port of {self._by_first}: "
                 f"the poses of {taken} are taken, because it was heard first; say which is right with "
                 f"--mavlink {self._by_first}=udp:ADDRESS:{self.port}:{taken}, or :{system}"

@@ -28,8 +28,10 @@ class PoseFeed(Protocol):
     """Notified after every pose; held by whoever reads or writes."""
     remedy: str
     """What to do where poses do not come, or have gaps."""
-    doubt: str | None
-    """Why its poses may be those of another drone, with what to do."""
+
+    @property
+    def doubt(self) -> str | None:
+        """Why its poses may be wrong, with what to do where that is known: those of another drone, say."""
 
     @property
     def lacks(self) -> str:

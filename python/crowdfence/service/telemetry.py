@@ -19,6 +19,7 @@ from crowdfence.service.boot_clock import BootClock
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.film.boots import PLACE, Boot
 from crowdfence.sources.film.component_clock import OF_GIMBALS, OWN_CLOCK_MS, at_autopilot_time
+from crowdfence.sources.film.receivers import ADRIFT, RECEIVERS, Receivers
 from crowdfence.sources.film.tlog import KINDS, log_of_boots
 from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import settled_track
@@ -70,7 +71,9 @@ class Telemetry:
         self._drone, self._terrain, self._anchor, self._options = drone, terrain, anchor, options
         self._messages: dict[str, deque[Any]] = {kind: deque() for kind in KINDS}
         self.changed = Condition()
-        self.doubt: str | None = None
+        self.confused: str | None = None
+        """Why what is heard may be of another drone."""
+        self._receivers = Receivers()
         self.clock = BootClock()
         self._autopilot: int | None = None
         """The component that tells positions."""
@@ -89,6 +92,8 @@ class Telemetry:
                 self._heard_of_another(message, kind, component, now_ns)
                 self.changed.notify_all()
                 return
+            if kind in RECEIVERS:
+                self._receivers.heard(message)
             if kind == "SYSTEM_TIME":
                 self._told(message.time_unix_usec * 1000, message.time_boot_ms)
             if kind == "HOME_POSITION":
@@ -139,6 +144,12 @@ class Telemetry:
                 return
             self.clock.answered(sent_ns, boot_ns, now_ns)
             self.changed.notify_all()
+
+    @property
+    def doubt(self) -> str | None:
+        if self.confused is not None:
+            return self.confused
+        return f"positions of {self._drone} {ADRIFT}" if self._receivers.are_lost else None
 
     @property
     def knows_home(self) -> bool:

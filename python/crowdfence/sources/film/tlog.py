@@ -8,7 +8,7 @@ start of the autopilot (`boots`).
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -19,6 +19,7 @@ from crowdfence.sources.film.boots import PLACE, Boot, boots_of
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.film.gimbal_turns import gimbal_turns, one_gimbal
 from crowdfence.sources.film.merged_rows import Turns, merged
+from crowdfence.sources.film.receivers import ADRIFT, RECEIVERS, Receivers
 from crowdfence.sources.rotation import from_yaw_pitch_roll_deg
 
 KINDS = (
@@ -30,8 +31,6 @@ KINDS = (
     "HOME_POSITION",
 )
 """Messages that say where a drone and its camera are."""
-_RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
-_3D_FIX = 3
 _LATEST_S = 2**31
 _METRES_PER_E7 = 0.01113
 """Of a great circle, in degrees of 1e-7."""
@@ -103,19 +102,19 @@ def _messages(path: Path, remarks: list[str]) -> list[Any]:
 
     found: list[Any] = []
     systems: list[int] = []
-    fixes: dict[int, dict[str, bool]] = {}
+    receivers: defaultdict[int, Receivers] = defaultdict(Receivers)
     adrift: list[int] = []
     try:
         with closing(mavutil.mavlink_connection(str(path), robust_parsing=True)) as log:
-            while (message := log.recv_match(type=[*KINDS, *_RECEIVERS])) is not None:
+            while (message := log.recv_match(type=[*KINDS, *RECEIVERS])) is not None:
                 system = message.get_srcSystem()
-                if message.get_type() in _RECEIVERS:
-                    fixes.setdefault(system, {})[message.get_type()] = message.fix_type >= _3D_FIX
+                if message.get_type() in RECEIVERS:
+                    receivers[system].heard(message)
                     continue
                 found.append(message)
                 if message.get_type() == PLACE:
                     systems.append(system)
-                    adrift += [system] if system in fixes and not any(fixes[system].values()) else []
+                    adrift += [system] if receivers[system].are_lost else []
     except Exception as error:  # whatever the library meets in a damaged file
         if len(systems) < 2:
             raise ValueError(f"{path} is no MAVLink log, or damaged: {one_line(error)}") from error
@@ -127,10 +126,7 @@ def _messages(path: Path, remarks: list[str]) -> list[Any]:
             f"{', '.join(map(str, others))}"
         )
     if lost := adrift.count(systems[0]):
-        remarks.append(
-            f"{lost} of {systems.count(systems[0])} positions are by dead reckoning, no receiver had a fix: "
-            "they drift, and what was seen then may be put elsewhere"
-        )
+        remarks.append(f"{lost} of {systems.count(systems[0])} positions {ADRIFT}")
     return [one for one in found if one.get_srcSystem() == systems[0]]
 
 
