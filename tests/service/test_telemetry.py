@@ -309,6 +309,30 @@ def test_two_drones_of_one_system_id_that_both_go_on_are_an_alarm(
         assert active(service) == {"uav1"}
 
 
+def test_an_alarm_that_was_acknowledged_hides_no_other_trouble_of_the_poses(tmp_path: Path) -> None:
+    """Two ways of one drone, acknowledged as the text says: when its telemetry ended nobody was told."""
+    now, port = Now(rows()[0].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA) as (service, _):
+        feed, watch = service.live.poses.feeds["uav1"], Watch(service)  # type: ignore[union-attr]
+        assert isinstance(feed, Telemetry)
+        Vehicle(port).say([position(rows()[0]), gimbal(rows()[0]), system_time(rows()[0])])
+        until(lambda: feed.newest_ns is not None)
+        feed.confused = "two senders speak as system 1"
+        watch.look()
+        first = service.alerts.active("pose_gap", "uav1")
+        assert first is not None and first.text == feed.confused
+        service.alerts.acknowledge(first.id, "ana", now.ns)
+        watch.look()
+        assert service.alerts.active("pose_gap", "uav1").id == first.id  # type: ignore[union-attr]
+        now.ns += 3 * SECOND_NS
+        for _ in range(2):
+            watch.look()
+            second = service.alerts.active("pose_gap", "uav1")
+            assert second is not None and second.acknowledged_by is None
+            assert second.text.startswith("no pose of uav1 for more than 2 s")
+        assert [one.kind for one in service.alerts.all()].count("pose_gap") == 2
+
+
 def test_another_autopilot_at_the_port_of_a_drone_without_a_system_id_is_an_alarm(tmp_path: Path) -> None:
     """As behind a router that forwards a whole fleet: whoever spoke first told the poses of uav1, though it
     was uav2, and nobody said so."""

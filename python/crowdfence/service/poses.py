@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Mapping
 from threading import Condition
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,14 @@ from crowdfence.sources.pose_offset import PoseOffset
 _SETTLED_NS = 300_000_000
 """Poses that are this much newer than a view and do not tell its pose never will."""
 _SECOND_NS = 1_000_000_000
+
+
+class PoseTrouble(NamedTuple):
+    """What is wrong with a drone's poses."""
+
+    cause: str
+    """The same while it is the same trouble, whatever the numbers in its text."""
+    text: str
 
 
 class PoseFeed(Protocol):
@@ -144,7 +153,7 @@ class Poses:
         found = {drone: self.feeds[drone].frame for drone in sorted(self.feeds)}
         return {drone: frame for drone, frame in found.items() if frame is not None}
 
-    def trouble(self, drone: str, now_ns: int) -> str | None:
+    def trouble(self, drone: str, now_ns: int) -> PoseTrouble | None:
         """What is wrong with a drone's poses now; None: nothing."""
         feed = self.feeds[drone]
         newest_ns = feed.newest_ns
@@ -152,15 +161,16 @@ class Poses:
         if now_ns - last_ns > self._stale_s * _SECOND_NS:
             last = f"the last is of {iso_utc(newest_ns)}" if newest_ns is not None else f"none, {feed.lacks}"
             said = f"no pose of {drone} for more than {self._stale_s:g} s, {last}"
-            return f"{said}: its views are refused, zones stay; {feed.remedy}"
+            return PoseTrouble("silent", f"{said}: its views are refused, zones stay; {feed.remedy}")
         ahead_s = self._ahead_s(drone, newest_ns, now_ns)
         if ahead_s > AHEAD_S and self._max_ahead_s < math.inf:
-            said = f"poses of {drone}: {_ahead(ahead_s)}"
-            return said if ahead_s <= self._max_ahead_s else f"{said}; its views are refused, zones stay"
-        if feed.doubt is not None:
-            return feed.doubt
+            then = "" if ahead_s <= self._max_ahead_s else "; its views are refused, zones stay"
+            return PoseTrouble("ahead", f"poses of {drone}: {_ahead(ahead_s)}{then}")
         gap_ns, said = self._gaps.get(drone, (0, ""))
-        return f"{said}; {feed.remedy}" if said and now_ns - gap_ns <= self._stale_s * _SECOND_NS else None
+        if said and now_ns - gap_ns <= self._stale_s * _SECOND_NS:
+            return PoseTrouble("gap", f"{said}; {feed.remedy}")
+        doubt = feed.doubt
+        return None if doubt is None else PoseTrouble(re.sub(r"\d+", "", doubt), doubt)
 
 
 def _ahead(ahead_s: float) -> str:

@@ -58,6 +58,8 @@ class Watch:
         """Zones that drones may pass, at the moment before; that may be one before a restart."""
         self._met: tuple[set[str], int] = set(), 0
         """All drones that came or are expected, and when the last one was new."""
+        self._pose_causes: dict[str, str] = {}
+        """Of the trouble of each drone's poses at the last look."""
 
     def start(self) -> None:
         self._thread.start()
@@ -211,8 +213,15 @@ class Watch:
         if live is None:
             return
         for drone in live.poses.feeds:
-            text = live.poses.trouble(drone, now_ns)
-            self._set(text is not None, "pose_gap", "alarm", text or "", drone=drone)
+            trouble = live.poses.trouble(drone, now_ns)
+            if trouble is None:
+                self._pose_causes.pop(drone, None)
+                self._set(False, "pose_gap", "alarm", "", drone=drone)
+                continue
+            # Who acknowledged that two senders may be one drone has not acknowledged that both fell silent.
+            is_new = self._pose_causes.get(drone, trouble.cause) != trouble.cause
+            self._pose_causes[drone] = trouble.cause
+            self._set(True, "pose_gap", "alarm", trouble.text, drone=drone, is_new=is_new)
         self._pose_frames(live.poses.frames(), len(live.poses.feeds))
 
     def _pose_frames(self, frames: dict[str, str], feeds: int) -> None:
@@ -426,11 +435,12 @@ class Watch:
         text: str,
         *,
         drone: str | None = None,
+        is_new: bool = False,
         measure: float | None = None,
     ) -> None:
         alerts, now_ns = self._service.alerts, self._service.now_ns()
         if wrong:
-            alerts.raise_(kind, level, text, now_ns, drone=drone, measure=measure)
+            alerts.raise_(kind, level, text, now_ns, drone=drone, is_new=is_new, measure=measure)
         else:
             alerts.clear(kind, now_ns, drone=drone)
 
