@@ -229,6 +229,42 @@ def test_an_autopilot_that_counts_from_1970_is_laid_by_when_it_speaks_and_that_i
     )
 
 
+def test_of_two_gimbals_the_attitudes_of_one_are_taken_also_while_it_is_silent_and_that_is_told() -> None:
+    """The first looks where the pictures do, the second straight up. Where the first was silent for some
+    seconds, views got the attitude of the second, and nothing was said."""
+    feed = Telemetry("uav1", ground(), mission().georeference, SEA)
+
+    def up(row: Row) -> Any:
+        half = np.sqrt(0.5)
+        turn = [half, 0.0, half, 0.0]
+        return mavlink.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, boot_ms(row) + 5, 16 | 64, turn, 0.0, 0.0, 0.0, 0
+        )
+
+    silent = frames()[3].stamp_ns
+    for row in rows():
+        feed.heard(sent_by(1, position(row)), row.stamp_ns)
+        feed.heard(sent_by(171, up(row)), row.stamp_ns + 5_000_000)
+        if abs(row.stamp_ns - silent) > 0.8e9:
+            feed.heard(sent_by(154, gimbal(row)), row.stamp_ns)
+    for number in (1, 5):
+        pose, true = feed.pose_at(frames()[number].stamp_ns), frames()[number].world_from_camera
+        assert np.degrees(Rotation.from_matrix(true[:3, :3].T @ pose[:3, :3]).magnitude()) < 0.1
+    with pytest.raises(ValueError, match="GIMBAL_DEVICE_ATTITUDE_STATUS has a gap of 1.6"):
+        feed.pose_at(silent)
+    said = (
+        "attitudes of several gimbals are told: component 154, device 0 is taken, not component 171, device 0"
+    )
+    assert feed.doubt is not None and said in feed.doubt
+    mounted = Telemetry(
+        "uav1", ground(), mission().georeference, replace(SEA, mount=CameraMount("level", -60.0))
+    )
+    for row in rows()[:50]:
+        for message in (position(row), gimbal(row), sent_by(171, up(row))):
+            mounted.heard(message, row.stamp_ns)
+    assert mounted.doubt is None, "with --mount no gimbal counts"
+
+
 def fix(kind: int, receiver: Any = mavlink.MAVLink_gps_raw_int_message, more: tuple[int, ...] = ()) -> Any:
     return receiver(0, kind, 0, 0, 0, 65535, 65535, 0, 65535, 255, *more)
 

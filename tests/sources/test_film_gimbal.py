@@ -121,7 +121,7 @@ def test_of_two_gimbals_one_is_taken(tmp_path: Path) -> None:
     assert log.camera_ned is not None
     assert np.allclose(np.abs(log.camera_ned @ down_east), 1.0, atol=1e-6)
     assert log.remarks == [
-        "it holds the attitudes of several gimbals: component 1, device 1 is taken, not component 1, device 2"
+        "attitudes of several gimbals are told: component 1, device 1 is taken, not component 1, device 2"
     ]
 
 
@@ -154,7 +154,7 @@ def test_of_two_gimbals_of_a_px4_log_one_is_taken_and_told(tmp_path: Path, insta
     taken, other = ("instance 0, device 0", "instance 1, device 0")
     if not instances:
         taken, other = ("instance 0, device 1", "instance 0, device 2")
-    assert f"it holds the attitudes of several gimbals: {taken} is taken, not {other}" in log.remarks
+    assert f"attitudes of several gimbals are told: {taken} is taken, not {other}" in log.remarks
 
 
 def test_a_flight_over_the_date_line_stays_there() -> None:

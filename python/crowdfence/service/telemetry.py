@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from bisect import bisect_right
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from threading import Condition
@@ -19,8 +19,9 @@ from crowdfence.service.boot_clock import BootClock
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.film.boots import PLACE, Boot
 from crowdfence.sources.film.component_clock import OF_GIMBALS, OWN_CLOCK_MS, at_autopilot_time
+from crowdfence.sources.film.gimbal_turns import one_gimbal
 from crowdfence.sources.film.receivers import ADRIFT, RECEIVERS, Receivers
-from crowdfence.sources.film.tlog import KINDS, log_of_boots
+from crowdfence.sources.film.tlog import KINDS, gimbal_of, log_of_boots
 from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import settled_track
 from crowdfence.sources.pose_noise import GivenNoise, steadied_as
@@ -79,6 +80,12 @@ class Telemetry:
         """The component that tells positions."""
         self._doubted_clock = False
         """Whether it was said that its time of day is none."""
+        self._gimbals: dict[str, Counter[tuple[int, int]]] = {kind: Counter() for kind in OF_GIMBALS}
+        """How often each gimbal was heard, by kind of message."""
+        self._gimbal: dict[str, tuple[int, int]] = {}
+        """The one of them that is taken."""
+        self._several: dict[str, str] = {}
+        """What is said where there are several."""
         self._others: dict[int, BootClock] = {}
         """Clocks of gimbals that are components of their own."""
 
@@ -104,8 +111,22 @@ class Telemetry:
                 if self.clock.arrived(message.time_boot_ms, now_ns):
                     for others in self._messages.values():
                         others.clear()
-                self._keep(self._messages[kind], message)
+                if kind not in OF_GIMBALS or self._is_of_the_gimbal(kind, message):
+                    self._keep(self._messages[kind], message)
             self.changed.notify_all()
+
+    def _is_of_the_gimbal(self, kind: str, message: Any) -> bool:
+        """Whether a message is about the gimbal that counts, which is chosen as in a log: when that falls
+        silent, where another one looks says nothing."""
+        told, said = self._gimbals[kind], list[str]()
+        told[gimbal_of(message)] += 1
+        taken = one_gimbal(told, "component", said)
+        if said:
+            self._several[kind] = said[0]
+        if taken != self._gimbal.setdefault(kind, taken):
+            self._gimbal[kind] = taken
+            self._messages[kind].clear()
+        return gimbal_of(message) == taken
 
     def _told(self, unix_ns: int, boot_ms: int) -> None:
         if self.clock.told(unix_ns, boot_ms) or unix_ns == 0 or self._doubted_clock:
@@ -124,7 +145,7 @@ class Telemetry:
 
     def _heard_of_another(self, message: Any, kind: str, component: int, now_ns: int) -> None:
         """Its clock is its own. Gimbals count, laid on the autopilot's by when both arrive."""
-        if kind not in OF_GIMBALS:
+        if kind not in OF_GIMBALS or not self._is_of_the_gimbal(kind, message):
             return
         clock = self._others.setdefault(component, BootClock())
         if clock.arrived(message.time_boot_ms, now_ns):
@@ -149,7 +170,15 @@ class Telemetry:
     def doubt(self) -> str | None:
         if self.confused is not None:
             return self.confused
-        return f"positions of {self._drone} {ADRIFT}" if self._receivers.are_lost else None
+        if self._receivers.are_lost:
+            return f"positions of {self._drone} {ADRIFT}"
+        several = next((self._several[kind] for kind in self._telling() if kind in self._several), None)
+        if several is None:
+            return None
+        return (
+            f"{self._drone}: {several}; where that is not the one of its pictures, what they show is put "
+            "elsewhere: send the other alone, or acknowledge this"
+        )
 
     @property
     def knows_home(self) -> bool:

@@ -33,9 +33,7 @@ def one_gimbal(rows: Mapping[tuple[int, int], int], where: str, remarks: list[st
     gimbals = sorted(rows, key=lambda gimbal: (rows[gimbal] < often, gimbal))
     taken, *others = (f"{where} {number}, device {device}" for number, device in gimbals)
     if others:
-        remarks.append(
-            f"it holds the attitudes of several gimbals: {taken} is taken, not {'; '.join(others)}"
-        )
+        remarks.append(f"attitudes of several gimbals are told: {taken} is taken, not {'; '.join(others)}")
     return gimbals[0]
 
 

@@ -165,9 +165,14 @@ def _timed(boots: Sequence[Boot], kind: str) -> list[tuple[float, Any]]:
 def _of_one_gimbal(told: list[tuple[float, Any]], remarks: list[str]) -> list[tuple[float, Any]]:
     if not told:
         return []
-    of = [(one.get_srcComponent(), getattr(one, "gimbal_device_id", 0)) for _, one in told]
+    of = [gimbal_of(one) for _, one in told]
     taken = one_gimbal(Counter(of), "component", remarks)
     return [one for one, gimbal in zip(told, of, strict=True) if gimbal == taken]
+
+
+def gimbal_of(message: Any) -> tuple[int, int]:
+    """Which gimbal a message is about: the component that tells it, and the number that it has there."""
+    return message.get_srcComponent(), getattr(message, "gimbal_device_id", 0)
 
 
 def _turn(yaw: float, pitch: float, roll: float) -> Any:
