@@ -265,6 +265,18 @@ def test_of_two_gimbals_the_attitudes_of_one_are_taken_also_while_it_is_silent_a
     assert mounted.doubt is None, "with --mount no gimbal counts"
 
 
+def test_positions_of_two_components_of_a_drone_are_told_of_as_in_a_log() -> None:
+    """A companion computer that was heard first told where the drone is, and the autopilot's own positions
+    were left out without a word."""
+    feed = Telemetry("uav1", ground(), mission().georeference, SEA)
+    for component, doubted in ((191, False), (191, False), (1, True)):
+        feed.heard(sent_by(component, position(rows()[0])), rows()[0].stamp_ns)
+        assert (feed.doubt is not None) == doubted
+    assert (
+        feed.doubt is not None and "components 191 and 1 of uav1 tell positions: those of 191" in feed.doubt
+    )
+
+
 def fix(kind: int, receiver: Any = mavlink.MAVLink_gps_raw_int_message, more: tuple[int, ...] = ()) -> Any:
     return receiver(0, kind, 0, 0, 0, 65535, 65535, 0, 65535, 255, *more)
 

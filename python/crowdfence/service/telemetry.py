@@ -73,7 +73,7 @@ class Telemetry:
         self._messages: dict[str, deque[Any]] = {kind: deque() for kind in KINDS}
         self.changed = Condition()
         self.confused: str | None = None
-        """Why what is heard may be of another drone."""
+        """Why what is heard may be of another drone, or of no autopilot."""
         self._receivers = Receivers()
         self.clock = BootClock()
         self._autopilot: int | None = None
@@ -145,6 +145,12 @@ class Telemetry:
 
     def _heard_of_another(self, message: Any, kind: str, component: int, now_ns: int) -> None:
         """Its clock is its own. Gimbals count, laid on the autopilot's by when both arrive."""
+        if kind == PLACE and self.confused is None:
+            self.confused = (
+                f"components {self._autopilot} and {component} of {self._drone} tell positions: those of "
+                f"{self._autopilot} are taken, because it was heard first; see that the autopilot alone does "
+                "so, or acknowledge this where that is the autopilot"
+            )
         if kind not in OF_GIMBALS or not self._is_of_the_gimbal(kind, message):
             return
         clock = self._others.setdefault(component, BootClock())
