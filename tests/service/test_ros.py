@@ -465,6 +465,23 @@ def test_a_body_with_a_mount_carries_its_camera() -> None:
     assert np.allclose(halfway(feed), straight_down(11.0), atol=1e-9)
 
 
+def test_attitudes_that_nobody_set_are_told_of_as_in_a_bag() -> None:
+    """A node that fills in positions alone: with --mount each camera looked east of a drone that flew north,
+    and nothing was said. Where the mount counts from north the body's attitude is not used."""
+
+    def doubt_of(kind: str, body: np.ndarray) -> str | None:
+        feed = RosPoses("pose", CameraMount(kind, -60.0))  # type: ignore[arg-type]
+        for number in range(3):
+            feed.posed(decoded(pose_message(START_NS + number * SECOND_NS // 4, body)))
+        feed.pose_at(START_NS + SECOND_NS // 3)
+        return feed.doubt
+
+    unset = np.eye(4)
+    assert "its attitudes are 0, 0, 0, 1 to the last digit" in (doubt_of("level", unset) or "")
+    assert doubt_of("level", level_body(0.0)) is None
+    assert doubt_of("north", unset) is None
+
+
 def test_a_body_with_tf_carries_its_camera() -> None:
     body_from_camera = np.linalg.inv(level_body(0.0)) @ straight_down(0.0)
     feed = RosPoses("pose", None)

@@ -10,6 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Quaternion = tuple[float, float, float, float]
 _UNSET = (1.0, 0.0, 0.0, 0.0)
+UNSET_OF_ROS = (
+    "0, 0, 0, 1 to the last digit, with which messages begin and no drone hangs: where nobody tells the "
+    "attitude, what was seen is put anywhere; name one who knows it"
+)
+"""What is told of attitudes in messages of ROS that nobody set, as the end of a sentence."""
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:

@@ -33,6 +33,7 @@ from crowdfence.sources.ros_bag.transforms import (
     is_ned_pose,
     told_alike,
 )
+from crowdfence.sources.rotation import UNSET_OF_ROS, are_unset
 
 _LOG = logging.getLogger(__name__)
 PoseRole = Literal["camera_pose", "pose", "tf"]
@@ -66,7 +67,10 @@ class RosPoses:
         told."""
         self._role, self._mount, self._noise, self._max_gap_s = role, mount, noise, max_gap_s
         self._topic = topic
-        self.doubt: str | None = None
+        self._confused: str | None = None
+        """Why poses of two origins may be mixed."""
+        self._unset = False
+        """Whether nobody had set the attitudes that the last view was given."""
         self._rows: deque[tuple[int, list[float], list[float]]] = deque()
         self._moving: dict[str, deque[Any]] = {}
         self._parents: dict[str, dict[str, tuple[int, int]]] = {}
@@ -98,7 +102,7 @@ class RosPoses:
                 self._rows.clear()
             if self._frame is not None and frame != self._frame:
                 frames = " and ".join(sorted((frame or "(none)", self._frame or "(none)")))
-                self.doubt = (
+                self._confused = (
                     f"its poses come in the frames {frames}: all are taken to count from --origin, so what "
                     "it sees may lie elsewhere; see that one node publishes on its pose topic, in one "
                     "frame, or acknowledge this where both are the same"
@@ -139,6 +143,12 @@ class RosPoses:
                 while time_ns(kept[0].header.stamp) < stamp_ns - _KEPT_NS:
                     kept.popleft()
             self.changed.notify_all()
+
+    @property
+    def doubt(self) -> str | None:
+        if self._confused is not None or not self._unset:
+            return self._confused
+        return f"its attitudes are {UNSET_OF_ROS}, such as camera_pose= or tf= in --topics"
 
     @property
     def frame(self) -> str | None:
@@ -203,6 +213,8 @@ class RosPoses:
         rows = [row for row in self._rows if abs(row[0] - stamp_ns) <= _AROUND_NS]
         stamps, positions, quaternions = zip(*rows, strict=True) if rows else ((), (), ())
         given, _ = track_from_rows(stamps, np.array(positions), np.array(quaternions))
+        is_used = self._role == "camera_pose" or self._mount is None or self._mount.needs_body
+        self._unset = is_used and len(given) > 1 and are_unset(given.quaternions)
         if self._in_ned:
             given = composed([NED_WORLD, given], self._max_gap_s)
         return given if self._role == "camera_pose" else self._on_body(given, stamp_ns)
@@ -237,7 +249,7 @@ class RosPoses:
         the camera would stand in either by turns."""
         for child in path:
             if child in self._fixed_anew:
-                self.doubt = (
+                self._confused = (
                     f"/tf_static told {child} in different places or attitudes: the last is taken, and what "
                     "its camera sees may lie elsewhere; let one node tell it, or acknowledge this where it "
                     "was measured anew"

@@ -24,7 +24,7 @@ from crowdfence.sources.ros_bag.topic_choice import (
 )
 from crowdfence.sources.ros_bag.transforms import TransformTree
 from crowdfence.sources.ros_bag.two_clocks import Arrivals
-from crowdfence.sources.rotation import are_unset
+from crowdfence.sources.rotation import UNSET_OF_ROS, are_unset
 
 Intrinsics = Camera | str
 """A camera, or why there is none."""
@@ -47,9 +47,8 @@ class PoseRows:
         track, remarks = track_from_rows(self.stamps_ns, self.positions, self.quaternions)
         if len(track) > 1 and are_unset(track.quaternions):
             remarks.append(
-                f"all {len(track)} attitudes are 0, 0, 0, 1 to the last digit, with which messages begin and "
-                "no drone hangs: where nobody tells the attitude, what was seen is put anywhere; name one "
-                "who knows it, such as camera_pose= or another imu= in --topics"
+                f"all {len(track)} attitudes are {UNSET_OF_ROS}, such as camera_pose= or another imu= in "
+                "--topics"
             )
         return track, remarks
 
