@@ -229,6 +229,34 @@ def test_an_autopilot_that_counts_from_1970_is_laid_by_when_it_speaks_and_that_i
     )
 
 
+def test_a_gimbal_that_counts_from_the_heading_has_no_pose_while_nobody_tells_the_heading() -> None:
+    """Headings were bridged over two seconds and more, in which a drone turns round; positions and attitudes
+    of cameras are over one."""
+    feed = Telemetry("uav1", ground(), mission().georeference, SEA)
+    silent = frames()[3].stamp_ns
+
+    def from_heading(row: Row) -> Any:
+        half = np.radians(row.yaw_pitch_roll_deg[1]) / 2
+        turn = [np.cos(half), 0.0, np.sin(half), 0.0]
+        return mavlink.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, boot_ms(row), 32, turn, 0.0, 0.0, 0.0, 0
+        )
+
+    feed.heard(position(rows()[0]), rows()[0].stamp_ns)
+    feed.heard(from_heading(rows()[0]), rows()[0].stamp_ns)
+    assert feed.newest_ns is None and feed.lacks == "no ATTITUDE_QUATERNION"
+    for row in rows():
+        feed.heard(position(row), row.stamp_ns)
+        feed.heard(from_heading(row), row.stamp_ns)
+        if abs(row.stamp_ns - silent) > 0.8e9:
+            feed.heard(attitude(row), row.stamp_ns)
+    for number in (1, 5):
+        pose, true = feed.pose_at(frames()[number].stamp_ns), frames()[number].world_from_camera
+        assert np.degrees(Rotation.from_matrix(true[:3, :3].T @ pose[:3, :3]).magnitude()) < 1.0
+    with pytest.raises(ValueError, match="ATTITUDE_QUATERNION has a gap of 1.6"):
+        feed.pose_at(silent)
+
+
 def test_of_two_gimbals_the_attitudes_of_one_are_taken_also_while_it_is_silent_and_that_is_told() -> None:
     """The first looks where the pictures do, the second straight up. Where the first was silent for some
     seconds, views got the attitude of the second, and nothing was said."""

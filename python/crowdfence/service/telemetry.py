@@ -19,7 +19,7 @@ from crowdfence.service.boot_clock import BootClock
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.film.boots import PLACE, Boot
 from crowdfence.sources.film.component_clock import OF_GIMBALS, OWN_CLOCK_MS, at_autopilot_time
-from crowdfence.sources.film.gimbal_turns import one_gimbal
+from crowdfence.sources.film.gimbal_turns import count_from_north, one_gimbal
 from crowdfence.sources.film.receivers import ADRIFT, RECEIVERS, Receivers
 from crowdfence.sources.film.tlog import KINDS, gimbal_of, log_of_boots
 from crowdfence.sources.geographic_track import HeightOptions, local_track
@@ -233,9 +233,16 @@ class Telemetry:
         body = ("ATTITUDE_QUATERNION", "ATTITUDE")
         mount = self._options.mount
         if mount is not None and not mount.needs_body:
-            return ("GLOBAL_POSITION_INT",)
-        wanted = camera if mount is None else body
-        return ("GLOBAL_POSITION_INT", next((kind for kind in wanted if self._messages[kind]), wanted[0]))
+            return (PLACE,)
+        told_camera, told_body = (
+            next((kind for kind in kinds if self._messages[kind]), kinds[0]) for kinds in (camera, body)
+        )
+        if mount is not None:
+            return (PLACE, told_body)
+        gimbal = self._messages["GIMBAL_DEVICE_ATTITUDE_STATUS"]
+        if gimbal and not count_from_north(gimbal[-1].flags):
+            return (PLACE, told_camera, told_body)
+        return (PLACE, told_camera)
 
     def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
         offset_ns = self.clock.offset_ns

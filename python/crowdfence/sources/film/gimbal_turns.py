@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.sources.film.merged_rows import Turns, headings
 from crowdfence.sources.rotation import are_unset, multiply
@@ -23,6 +23,7 @@ from crowdfence.sources.rotation import are_unset, multiply
 _YAW_LOCK = 16
 _YAW_IN_VEHICLE_FRAME = 32
 _YAW_IN_EARTH_FRAME = 64
+_BOTH_FRAMES = _YAW_IN_VEHICLE_FRAME | _YAW_IN_EARTH_FRAME
 
 
 def one_gimbal(rows: Mapping[tuple[int, int], int], where: str, remarks: list[str]) -> tuple[int, int]:
@@ -35,6 +36,13 @@ def one_gimbal(rows: Mapping[tuple[int, int], int], where: str, remarks: list[st
     if others:
         remarks.append(f"attitudes of several gimbals are told: {taken} is taken, not {'; '.join(others)}")
     return gimbals[0]
+
+
+def count_from_north(flags: ArrayLike) -> NDArray[np.bool_]:
+    """Which rows of flags [N] say that yaw does not count from the drone's heading."""
+    told = np.asarray(flags, np.int64)
+    of_vehicle, of_earth = (told & _YAW_IN_VEHICLE_FRAME) > 0, (told & _YAW_IN_EARTH_FRAME) > 0
+    return np.asarray(of_earth | (~of_vehicle & ((told & _YAW_LOCK) > 0)))
 
 
 def gimbal_turns(
@@ -52,9 +60,8 @@ def gimbal_turns(
         )
         return None
     told = np.asarray(flags, np.int64)
-    of_vehicle, of_earth = (told & _YAW_IN_VEHICLE_FRAME) > 0, (told & _YAW_IN_EARTH_FRAME) > 0
-    from_north = of_earth | (~of_vehicle & ((told & _YAW_LOCK) > 0))
-    contradictory = of_vehicle & of_earth
+    from_north = count_from_north(told)
+    contradictory = (told & _BOTH_FRAMES) == _BOTH_FRAMES
     if contradictory.any():
         remarks.append(
             f"{contradictory.sum()} of {len(told)} rows of the gimbal are left out: by their flags "
