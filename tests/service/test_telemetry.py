@@ -549,6 +549,25 @@ def test_heights_from_a_home_that_was_not_told_put_no_camera_anywhere() -> None:
         feed.pose_at(rows()[20].stamp_ns)
 
 
+def test_a_take_off_that_is_stated_for_a_drone_that_took_off_elsewhere_is_told_of() -> None:
+    """--take-off counts for all drones: a fleet on a slope hung too high or too low by as much as one
+    take-off lies above the other, and only a run of the log said so. 0.001 degrees of longitude: 77 m."""
+    row = rows()[0]
+    latitude, longitude, _ = row.geodetic
+    for east, told in ((0.0, False), (0.001, True)):
+        stated = HeightOptions(take_off=(latitude, longitude + east))
+        options = TelemetryOptions(mount=CameraMount("level", -60.0), heights=stated)
+        feed = Telemetry("uav1", ground(), mission().georeference, options)
+        feed.heard(home(row), row.stamp_ns)
+        for one in rows()[:150]:
+            for message in (position(one), attitude(one), system_time(one)):
+                feed.heard(message, one.stamp_ns)
+        feed.pose_at(frames()[1].stamp_ns)
+        assert (feed.doubt is not None) == told
+        if told:
+            assert "uav1: the stated take-off lies 77 m from the home that is recorded" in (feed.doubt or "")
+
+
 def test_views_without_telemetry_wait_and_are_refused_with_the_reason(tmp_path: Path) -> None:
     now, port = Now(frames()[0].stamp_ns), port_of()
     with listening(tmp_path, now, port, SEA, wait_s=0.05) as (service, http):

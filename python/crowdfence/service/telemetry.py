@@ -75,6 +75,8 @@ class Telemetry:
         self.confused: str | None = None
         """Why what is heard may be of another drone, or of no autopilot."""
         self._receivers = Receivers()
+        self._take_off_doubt: str | None = None
+        """Why the heights of the last view may be wrong."""
         self.clock = BootClock()
         self._autopilot: int | None = None
         """The component that tells positions."""
@@ -178,6 +180,8 @@ class Telemetry:
             return self.confused
         if self._receivers.are_lost:
             return f"positions of {self._drone} {ADRIFT}"
+        if self._take_off_doubt is not None:
+            return f"{self._drone}: {self._take_off_doubt}"
         several = next((self._several[kind] for kind in self._telling() if kind in self._several), None)
         if several is None:
             return None
@@ -265,6 +269,8 @@ class Telemetry:
             other_home = self._other_home(around[PLACE]) if heights.take_off is None else None
             if placed.contact.place is not None and other_home is not None:
                 raise ValueError(other_home)
+            # Without a home the first of these few positions would stand for it.
+            self._take_off_doubt = next(iter(placed.take_off_doubts if log.take_off else []), None)
             track = settled_track(self._drone, track, placed.contact, self._terrain)
         return steadied_as(track, self._options.noise).at(stamp_ns, self._options.max_gap_s)
 

@@ -91,6 +91,8 @@ class LocalTrack:
     remarks: list[str]
     heights: HeightsAbove
     """Which of the recorded ones are used."""
+    take_off_doubts: list[str]
+    """Those of the remarks that say why heights above the take-off may be wrong."""
 
 
 def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georeference | None) -> LocalTrack:
@@ -130,10 +132,10 @@ def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georefer
     # Above the take-off, "up" is the height and not the tangent plane of a far anchor.
     quaternions = _turned_to(anchor, safe, optical_quaternions_enu(poses.attitudes_ned))
     track, left_out = track_from_rows(poses.stamps_ns, positions, quaternions)
-    contact = None
+    contact, doubts = None, list[str]()
     if not absolute:
-        contact = _contact(poses, options, above, anchor, first, positions, remarks)
-    return LocalTrack(anchor, track, contact, [*remarks, *left_out], above)
+        contact = _contact(poses, options, above, anchor, first, positions, doubts)
+    return LocalTrack(anchor, track, contact, [*remarks, *doubts, *left_out], above, doubts)
 
 
 def _sea_level_of_start_m(poses: GeographicPoses) -> float:
