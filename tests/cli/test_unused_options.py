@@ -31,6 +31,12 @@ def test_options_of_other_formats(tmp_path: Path, kind: str, given: list[str], u
     assert message == f"{given[0]} does nothing with --format {kind}; it is for {users}; leave it out"
 
 
+def test_an_instant_of_a_file_that_holds_all(tmp_path: Path) -> None:
+    words = ("export", str(tmp_path), "-f", "mcap", "-o", str(tmp_path / "out.mcap"))
+    message = refused(*words, "--at", "first")
+    assert message == "--at does nothing with --format mcap, which holds every instant; leave it out"
+
+
 @pytest.mark.parametrize(
     ("method", "given"),
     [

@@ -84,7 +84,7 @@ def test_a_history_that_was_cut_closes_nothing_less_in_silence(run: Path, tmp_pa
 
 
 @pytest.mark.parametrize(
-    "kind", [kind.value for kind in ExportFormat if kind.value not in ("state", "costmap")]
+    "kind", [kind.value for kind in ExportFormat if kind.value not in ("state", "costmap", "mcap")]
 )
 def test_every_format_is_written_at_every_instant(run: Path, tmp_path: Path, kind: str) -> None:
     country = ("--country", "GRC") if kind in ("ed318", "ed269", "ed269-list") else ()

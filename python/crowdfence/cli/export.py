@@ -13,7 +13,7 @@ import typer
 from crowdfence.atomic_file import replaceable_file, write_bytes
 from crowdfence.cli import console, options
 from crowdfence.cli.asked_stamp import asked_stamp
-from crowdfence.cli.unused_options import refuse_of
+from crowdfence.cli.unused_options import refuse_of, refuse_unused
 from crowdfence.cli.wording import counted
 from crowdfence.legible import first_of
 from crowdfence.zones.square_metres import square_metres
@@ -127,6 +127,8 @@ def export(
     from crowdfence.zones.history import with_static
 
     refuse_of(context, _USES, kind.value, f"with --format {kind.value}")
+    if kind is ExportFormat.mcap:
+        refuse_unused(context, ["at"], "with --format mcap, which holds every instant")
     written = [output]
     if kind is ExportFormat.costmap:
         written.append(output.with_suffix(".pgm"))
@@ -203,7 +205,7 @@ def _write_raster(
 def _write_mcap(
     output: Path, run: Path, history: ZoneHistory, grid: SurfaceGrid | None, report: dict[str, Any]
 ) -> None:
-    """Of all instants, whichever is asked for."""
+    """Of all instants."""
     from crowdfence.exports.closed_cells import reach_beyond
     from crowdfence.exports.raster_placement import RasterPlacement
     from crowdfence.exports.ros2 import write_results_mcap
