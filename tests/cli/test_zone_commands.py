@@ -407,6 +407,13 @@ def test_a_way_round_the_zones(run: Path, tmp_path: Path) -> None:
     assert in_options(told) == "--clearance-m is nan; it must lie between 0 and 1e+06"
 
 
+def test_a_way_and_its_picture_are_two_files(run: Path, tmp_path: Path) -> None:
+    common = ("route", run, "--local", "--from", "0,5", "--to", "20,5")
+    message = refused(*common, "-o", tmp_path / "way", "--picture", tmp_path / "." / "way", "--force")
+    assert "one would take the other's place" in message
+    assert not (tmp_path / "way").exists()
+
+
 def test_a_way_stays_over_the_ground_of_the_map(run: Path, tmp_path: Path) -> None:
     """The map reaches from (0, 0) to (20, 10); a zone of others closes it from its south to 9.96 m north."""
 

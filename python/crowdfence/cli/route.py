@@ -104,6 +104,8 @@ def route(
 
     if expires and speed_m_s is None:
         raise ValueError("--expires needs --speed-m-s: a zone that ends is flown through after its end")
+    if output is not None and picture is not None and output.resolve() == picture.resolve():
+        raise ValueError(f"--output and --picture are both {output}: one would take the other's place")
     from crowdfence.planner import NoRoute, safe_route
     from crowdfence.planner.seen_ground import not_known_empty
     from crowdfence.planner.told_in_degrees import at_one_height
