@@ -91,6 +91,27 @@ def test_crowd_that_became_one_or_was_not_there_is_not(
     assert not any("no ground ever reached" in one for one in warnings)
 
 
+def test_crowd_that_one_look_by_itself_closes_is_not(tmp_path: Path) -> None:
+    """The other drone sees nobody there, so that in the mean no ground is crowd: 4 m2 are closed all the
+    same, and were called closed by nothing."""
+    (tmp_path / "heatmaps").mkdir()
+    shown = np.zeros((48, 64), np.uint8)
+    shown[22:26, 30:34] = 242  # of half a metre each
+    rows = ["drone,stamp_ns,x,y,z,qw,qx,qy,qz"]
+    for stamp_ns in (10**18, 10**18 + 10**8):
+        for drone, pixels in (("a", shown), ("b", np.zeros_like(shown))):
+            rows.append(f"{drone},{stamp_ns},30,30,20,0,1,0,0")
+            Image.fromarray(pixels).save(tmp_path / "heatmaps" / f"{drone}_{stamp_ns}.png")
+    (tmp_path / "poses.csv").write_text("\n".join(rows) + "\n")
+    intrinsics = {"width": 640, "height": 480, "fx": 400, "fy": 400, "cx": 320, "cy": 240}
+    (tmp_path / "recording.json").write_text(json.dumps({"cameras": {"*": intrinsics}}))
+    plain = cf.Terrain.from_height_map(np.zeros((60, 60)), cell_size_m=1.0)
+    found = cf.run(cf.open_recording(tmp_path), plain)
+    (zone,) = found.zones
+    assert zone.area_m2 == 4.0 and zone.probability_max < found.threshold
+    assert not any("nothing was closed" in one for one in found.warnings)
+
+
 @pytest.mark.parametrize("method", [OrConfig(b_threshold=0.97), PaperConfig(prior=0.2, b_threshold=0.97)])
 def test_crowd_below_the_threshold_of_the_methods_own_is_told(tmp_path: Path, method: MethodConfig) -> None:
     """242 of 255 is .949, at every look of a flight over 3.5 s."""

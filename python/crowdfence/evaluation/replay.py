@@ -383,8 +383,9 @@ class _Judged:
         crowd_map = self.loop.crowd_map
         crowd_ids = crowd_map.crowd_ids(stamp_ns, threshold=self.loop.threshold)
         is_near = near_columns(self._ground, crowd_map.terrain.voxel_size_m)
-        self._unheeded.look(stamp_ns, observations, crowd_ids, is_near)
-        return self._ground.closed.shown_ids
+        shown_ids = self._ground.closed.shown_ids
+        self._unheeded.look(stamp_ns, observations, crowd_ids, shown_ids, is_near)
+        return shown_ids
 
     def watch(
         self,

@@ -185,7 +185,8 @@ def run(
         seen = last.update.observations
         of_flight.look(found.views, seen, last.shown_ids)
         if recording.layer == CROWD:
-            unheeded.look(last.stamp_ns, seen, last.crowd_ids, near_zones(last.zones.closed, terrain))
+            is_near = near_zones(last.zones.closed, terrain)
+            unheeded.look(last.stamp_ns, seen, last.crowd_ids, last.shown_ids, is_near)
         looked += len(last.drones)
         rows.append(frame_row(last, terrain))
         zone_sets.append(last.zones)

@@ -137,18 +137,21 @@ class UnheededInFlight:
         """When, and what."""
         self._first_ns: int | None = None
         self._next_ns = 0
-        self._was_crowd = False
+        self._was_closed = False
+        """Whether the map or a look by itself ever called ground crowd, which closes it."""
 
     def look(
         self,
         stamp_ns: int,
         observations: Sequence[Observation],
         crowd_ids: NDArray[np.int64],
+        shown_ids: NDArray[np.int64],
         is_near: NearClosed,
     ) -> None:
-        """One instant: what was taken in, all voxels that are crowd after it, and what is closed."""
+        """One instant: what was taken in, all voxels that are crowd after it, those that some look clearly
+        shows as crowd by itself, and what is closed."""
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
-        self._was_crowd |= len(crowd_ids) > 0
+        self._was_closed |= len(crowd_ids) > 0 or len(shown_ids) > 0
         self._followed.add(observations, crowd_ids)
         if stamp_ns < self._next_ns:
             return
@@ -164,7 +167,7 @@ class UnheededInFlight:
         if self._most is not None:
             stamp_ns, found = self._most
             return (f"{(stamp_ns - self._first_ns) / 1e9:.1f} s after the first instant {found.text}",)
-        if self._was_crowd:
+        if self._was_closed:
             return ()
         # Too few looks for what is told of a place.
         never = unheeded_crowd_warning(crowd_mass, self._threshold)
