@@ -211,27 +211,29 @@ def test_a_detector_that_gives_the_same_everywhere_is_an_alarm_until_an_answer_d
         assert given(service, range(14, 22), 255) == [("alarm", False)]
 
 
+def alerts_after(service: Service, kind: str, numbers: range) -> list[Alert]:
+    """Once so many pictures were given."""
+    assert service.live is not None
+    for number in numbers:
+        service.live.intake.give_view(with_picture(number, number))
+    service.live.finish()
+    Watch(service).look()
+    return alerts(service, kind)
+
+
 def test_pictures_unlike_all_that_the_detector_was_tested_on_are_told_of_each_drone(tmp_path: Path) -> None:
     """Noise, which no renderer made, before the shipped detector."""
 
-    def given(service: Service, numbers: range) -> list[Alert]:
-        assert service.live is not None
-        for number in numbers:
-            service.live.intake.give_view(with_picture(number, number))
-        service.live.finish()
-        Watch(service).look()
-        return alerts(service, "unlike_pictures")
-
     with running(tmp_path / "data", detector=Detector()) as service:
-        assert not given(service, range(9)), "nine prove nothing"
-        (told,) = given(service, range(9, 12))
+        assert not alerts_after(service, "unlike_pictures", range(9)), "nine prove nothing"
+        (told,) = alerts_after(service, "unlike_pictures", range(9, 12))
         assert (told.level, told.drone, told.cleared_ns) == ("warning", "uav1", None)
         assert told.text == (
             "12 of 12 pictures of uav1 look unlike everything that crowdnet-s was tested on: nobody has "
             "measured what it misses there; crowdnet-s-wide does better on pictures of real cameras"
         )
     with running(tmp_path / "data", detector=Detector()) as service:
-        (told,) = given(service, range(12, 14))
+        (told,) = alerts_after(service, "unlike_pictures", range(12, 14))
         assert told.cleared_ns is None, "a restart mends nothing"
 
 
@@ -241,24 +243,16 @@ def test_ground_that_the_detector_was_not_tested_on_is_told_of_each_drone(tmp_pa
     tested = {**contract(), "validity": {"gsd_m": [0.01, 0.05]}}
     model = write_map_model(tmp_path / "red.onnx", tested)
 
-    def given(service: Service, numbers: range) -> list[Alert]:
-        assert service.live is not None
-        for number in numbers:
-            service.live.intake.give_view(with_picture(number, number))
-        service.live.finish()
-        Watch(service).look()
-        return alerts(service, "untested_ground")
-
     with running(tmp_path / "data", detector=Detector(model)) as service:
-        assert not given(service, range(9)), "nine prove nothing"
-        (told,) = given(service, range(9, 12))
+        assert not alerts_after(service, "untested_ground", range(9)), "nine prove nothing"
+        (told,) = alerts_after(service, "untested_ground", range(9, 12))
         assert (told.level, told.drone, told.cleared_ns) == ("warning", "uav1", None)
         assert told.text.startswith(
             "uav1, metres per pixel: 100% of the ground seen lies above 0.05 m, where the detector test "
             "model was not tested (the middle 90 % of its newest looks: "
         )
     with running(tmp_path / "data", detector=Detector(model)) as service:
-        (told,) = given(service, range(12, 14))
+        (told,) = alerts_after(service, "untested_ground", range(12, 14))
         assert told.cleared_ns is None, "a restart mends nothing"
 
 
