@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from crowdfence.sources import FrameError, open_recording
 from crowdfence.sources.airsim.table import parse_image_name
+from crowdfence.truth.recorded_people import require_people
 from support.small_recordings import (
     EPOCH_NS,
     HEIGHT,
@@ -588,6 +589,8 @@ def test_people_with_stamps_of_their_own_are_no_moments_of_the_world(recorded):
     (told,) = [warning for warning in recording.warnings if "people stood" in warning]
     # Between two stamps of each of the four lie 3 of the others, 29 times: 348 are missing beside 120.
     assert told.endswith("stamps in between; every stamp must list everybody") and "74.4%" in told
+    with pytest.raises(ValueError, match="people are; where people stood .* must list everybody; say so"):
+        require_people(recording, "say so")
 
 
 def test_a_few_missing_people_are_told(recorded):

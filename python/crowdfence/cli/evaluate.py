@@ -129,7 +129,7 @@ def evaluate(
     from crowdfence.evaluation.knobs import turned, turns
     from crowdfence.evaluation.replay import CellCounter, score, unrecorded_warning
     from crowdfence.evaluation.replay import measured_rates as count_rates
-    from crowdfence.evaluation.report import CONTENTS, require_people, write_report
+    from crowdfence.evaluation.report import CONTENTS, write_report
     from crowdfence.evaluation.safety import states_range
     from crowdfence.evaluation.untold_truth import UntoldTruth
     from crowdfence.maps.voxel_size import coarse_voxels_warning
@@ -138,6 +138,7 @@ def evaluate(
     from crowdfence.sources.ground_contact import on_ground
     from crowdfence.sources.layers import CROWD, checked_layer
     from crowdfence.truth.crowd_masks import unlabelled_warning
+    from crowdfence.truth.recorded_people import require_people
 
     if report is not None:
         with replaceable_folder(report, contents=CONTENTS, force=force):
@@ -147,7 +148,7 @@ def evaluate(
         refuse_unused(context, ["min_area_m2"], f"with --layer {layer}, of which no zones are counted")
     source = source_options.open_source(recording, context.params).of_layer(layer)
     if report is not None and layer == CROWD:
-        require_people(source)
+        require_people(source, "--report needs it")
     told = context.params
     chosen = chosen_detector(source, told)
     reading = read_map(source, told["terrain"], **map_options(told))

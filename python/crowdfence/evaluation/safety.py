@@ -21,6 +21,7 @@ from crowdfence._core import CrowdMap, Observation, Terrain
 from crowdfence.sources.recording import Instant, Recording
 from crowdfence.truth.at_exposure import crowd_definition, crowd_ground_of, people_at, timed_frame
 from crowdfence.truth.crowd_ground import crowds_of
+from crowdfence.truth.recorded_people import require_people
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones.sorted_keys import are_among
 from crowdfence.zones.tracker import column_keys, column_places
@@ -58,8 +59,7 @@ class CrowdWatch:
     def __init__(self, recording: Recording, terrain: Terrain, tested: Validity | None) -> None:
         """`tested`: the range that the detector states; None = any look counts. ValueError when the
         recording does not hold people's positions."""
-        if not len(recording.people.stamps_ns):
-            raise ValueError(f"{recording.name} does not record where people are")
+        require_people(recording)
         self._recording, self._terrain, self._tested = recording, terrain, tested
         self._seen = np.zeros(terrain.voxel_count, np.bool_)
         self._in_range = np.zeros(terrain.voxel_count, np.bool_)

@@ -78,6 +78,8 @@ class PeopleLog:
     """Stamps on the clock of the world, increasing."""
     read: Callable[[int], RecordedPeople] | None = field(default=None, repr=False)
     """The people at one of the stamps."""
+    unreadable: str = ""
+    """Why nothing is known of people who were recorded."""
 
     def nearest(self, stamp_ns: int, max_gap_s: float) -> RecordedPeople | None:
         """The recorded instant that is closest in time; None when there is none within `max_gap_s`."""

@@ -16,6 +16,7 @@ from crowdfence.sources.recording import Frame, Instant, Recording
 from crowdfence.truth.at_exposure import are_people_recorded, crowd_ground_at, people_at, timed_frame
 from crowdfence.truth.crowd_masks import crowd_mask, has_crowd_mask, require_crowd_masks
 from crowdfence.truth.projected import ProjectedTruth, TruthMap, project_truth
+from crowdfence.truth.recorded_people import require_people
 
 
 class TruthOverTime(Protocol):
@@ -113,11 +114,7 @@ class CrowdsOfTheWorld:
 
     def __init__(self, recording: Recording, terrain: Terrain) -> None:
         """ValueError when the recording does not hold them."""
-        if not len(recording.people.stamps_ns):
-            raise ValueError(
-                f"{recording.name} does not record where people are; score against its labels "
-                "(--truth projected)"
-            )
+        require_people(recording, "score against its labels (--truth projected)")
         self._recording, self._terrain = recording, terrain
 
     def at(self, instant: Instant) -> NDArray[np.bool_] | None:

@@ -19,7 +19,6 @@ from crowdfence.evaluation.text_table import percent, threshold_number
 if TYPE_CHECKING:
     from crowdfence.evaluation.knobs import Turned
     from crowdfence.evaluation.replay import Score
-    from crowdfence.sources.recording import Recording
 
 CONTENTS = ("index.html", "scores.json", *DRAWN)
 
@@ -27,12 +26,6 @@ MOST_REFUSALS = 200
 
 Rows = Sequence[Sequence[str]]
 _UNKNOWN = "&ndash;"
-
-
-def require_people(recording: Recording) -> None:
-    """ValueError where a recording does not say where people are: a report counts them."""
-    if not len(recording.people.stamps_ns):
-        raise ValueError(f"{recording.name} does not record where people are; --report needs it")
 
 
 def write_report(

@@ -12,6 +12,7 @@ from crowdfence.errors import FrameError
 from crowdfence.sources.recording import Frame, Recording
 from crowdfence.truth.at_exposure import crowd_ground_of, people_at, true_camera_pose
 from crowdfence.truth.crowd_masks import MaskOf, crowd_mask
+from crowdfence.truth.recorded_people import require_people
 from crowdfence.zones.sorted_keys import are_among, distinct
 
 if TYPE_CHECKING:
@@ -70,8 +71,8 @@ class LabelledProjection:
         if truth not in ("auto", "world", "labels"):
             raise ValueError(f'truth must be "auto", "world" or "labels", got {truth!r}')
         knows_people = len(recording.people.stamps_ns) > 0
-        if truth == "world" and not knows_people:
-            raise ValueError(f"{recording.name} does not record where people are; use its labels as truth")
+        if truth == "world":
+            require_people(recording, "use its labels as truth")
         self.truth: Literal["world", "labels"] = (
             "world" if truth == "world" or (truth == "auto" and knows_people) else "labels"
         )

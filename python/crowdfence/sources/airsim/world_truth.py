@@ -69,7 +69,8 @@ def read_people(folder: Path) -> tuple[PeopleLog, tuple[str, ...]]:
         if arrays.is_file():
             return _read_arrays(arrays), ()
     except (OSError, ValueError, KeyError) as error:
-        return PeopleLog(), (f"where people stood cannot be read: {error}",)
+        said = f"where people stood cannot be read: {error}"
+        return PeopleLog(unreadable=said), (said,)
     return PeopleLog(), ()
 
 
