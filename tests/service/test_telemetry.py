@@ -257,6 +257,20 @@ def test_a_gimbal_that_counts_from_the_heading_has_no_pose_while_nobody_tells_th
         feed.pose_at(silent)
 
 
+@pytest.mark.parametrize(("mount", "told"), [("level", True), ("north", False)])
+def test_attitudes_of_a_drone_that_nobody_set_are_told_of(mount: Any, told: bool) -> None:
+    """ATTITUDE of zeros, as of a program that fills in positions alone: a camera that --mount hangs on the
+    drone looked north in the whole flight."""
+    feed = Telemetry("uav1", ground(), mission().georeference, replace(SEA, mount=CameraMount(mount, -60.0)))
+    for row in rows():
+        feed.heard(position(row), row.stamp_ns)
+        feed.heard(mavlink.MAVLink_attitude_message(boot_ms(row), 0, 0, 0, 0, 0, 0), row.stamp_ns)
+    feed.pose_at(frames()[1].stamp_ns)
+    assert (feed.doubt is not None) == told
+    if told:
+        assert "attitudes of uav1 are level and due north to the last digit" in (feed.doubt or "")
+
+
 def test_of_two_gimbals_the_attitudes_of_one_are_taken_also_while_it_is_silent_and_that_is_told() -> None:
     """The first looks where the pictures do, the second straight up. Where the first was silent for some
     seconds, views got the attitude of the second, and nothing was said."""

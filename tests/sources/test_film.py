@@ -458,7 +458,7 @@ def test_positions_that_px4_does_not_believe_in_are_left_out(tmp_path: Path) -> 
         valid, adrift = number >= 20, number >= 80
         latitude = 46.5 if valid else 46.6  # 11 km north
         told = struct.pack("<HQddf???", 0, at, latitude, 8.0, 500.0, valid, True, adrift)
-        records += [told, struct.pack("<HQ4f", 1, at, 1.0, 0.0, 0.0, 0.0)]
+        records += [told, struct.pack("<HQ4f", 1, at, 1.0, 0.0, 0.0, 1e-4)]
     path = tmp_path / "a.ulg"
     path.write_bytes(ulog(0, topics, records))
     log = read_ulog(path)

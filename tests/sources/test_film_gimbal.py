@@ -9,9 +9,10 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
+from crowdfence.sources.film.boots import Boot
 from crowdfence.sources.film.gimbal_turns import gimbal_turns
 from crowdfence.sources.film.merged_rows import Turns, merged
-from crowdfence.sources.film.tlog import read_tlog
+from crowdfence.sources.film.tlog import KINDS, log_of_boots, read_tlog
 from crowdfence.sources.film.ulog import read_ulog
 from support.flight_logs import tlog
 
@@ -286,3 +287,20 @@ def test_a_px4_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path) -> No
     (tmp_path / "a.ulg").write_bytes(data)
     camera = read_ulog(tmp_path / "a.ulg").camera_ned
     assert camera is not None and looks_towards_deg(camera) == pytest.approx(90, abs=1e-4)
+
+
+@pytest.mark.parametrize(("yaw", "told"), [(0.0, True), (1e-4, False)])
+def test_attitudes_of_a_drone_that_nobody_set_are_told_of(yaw: float, told: bool) -> None:
+    """ATTITUDE of zeros: a camera that --mount hangs on the drone looked north in the whole flight."""
+    places = [
+        mavlink.MAVLink_global_position_int_message(
+            1000 * n, 465_000_000, 80_000_000, 500_000, 20_000, 0, 0, 0, 0
+        )
+        for n in range(5)
+    ]
+    turns = [mavlink.MAVLink_attitude_message(1000 * n, 0.0, 0.0, yaw, 0.0, 0.0, 0.0) for n in range(5)]
+    messages = dict.fromkeys(KINDS, ()) | {"GLOBAL_POSITION_INT": places, "ATTITUDE": turns}
+    said = log_of_boots([Boot(messages, 0.0)], None, []).remarks
+    assert [one.startswith("all 5 attitudes of the drone are level and due north") for one in said] == (
+        [True] if told else []
+    )

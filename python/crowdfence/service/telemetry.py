@@ -20,11 +20,13 @@ from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.film.boots import PLACE, Boot
 from crowdfence.sources.film.component_clock import OF_GIMBALS, OWN_CLOCK_MS, at_autopilot_time
 from crowdfence.sources.film.gimbal_turns import count_from_north, one_gimbal
+from crowdfence.sources.film.merged_rows import UNSET_BODY
 from crowdfence.sources.film.receivers import ADRIFT, RECEIVERS, Receivers
 from crowdfence.sources.film.tlog import KINDS, gimbal_of, log_of_boots
 from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import settled_track
 from crowdfence.sources.pose_noise import GivenNoise, steadied_as
+from crowdfence.sources.rotation import are_unset
 
 _LOG = logging.getLogger(__name__)
 _KEPT_MS = 70_000
@@ -34,6 +36,8 @@ _AROUND_MS = 2500
 _MS_NS = 1_000_000
 _OTHER_HOME_M = 5.0
 """A home so much higher or lower than the one that heights count from is another one."""
+_BODY = ("ATTITUDE_QUATERNION", "ATTITUDE")
+"""Kinds of messages that tell the drone's own attitude."""
 _AUTOPILOTS = (0, 1)
 """Components taken for it while nobody has told a position: unsaid, and MAV_COMP_ID_AUTOPILOT1."""
 
@@ -77,6 +81,8 @@ class Telemetry:
         self._receivers = Receivers()
         self._take_off_doubt: str | None = None
         """Why the heights of the last view may be wrong."""
+        self._unset = False
+        """Whether nobody had set the drone's attitudes that the last view was given."""
         self.clock = BootClock()
         self._autopilot: int | None = None
         """The component that tells positions."""
@@ -180,6 +186,8 @@ class Telemetry:
             return self.confused
         if self._receivers.are_lost:
             return f"positions of {self._drone} {ADRIFT}"
+        if self._unset:
+            return f"attitudes of {self._drone} {UNSET_BODY}"
         if self._take_off_doubt is not None:
             return f"{self._drone}: {self._take_off_doubt}"
         several = next((self._several[kind] for kind in self._telling() if kind in self._several), None)
@@ -234,12 +242,11 @@ class Telemetry:
     def _telling(self) -> tuple[str, ...]:
         """The kinds of messages that a pose is made of."""
         camera = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION")
-        body = ("ATTITUDE_QUATERNION", "ATTITUDE")
         mount = self._options.mount
         if mount is not None and not mount.needs_body:
             return (PLACE,)
         told_camera, told_body = (
-            next((kind for kind in kinds if self._messages[kind]), kinds[0]) for kinds in (camera, body)
+            next((kind for kind in kinds if self._messages[kind]), kinds[0]) for kinds in (camera, _BODY)
         )
         if mount is not None:
             return (PLACE, told_body)
@@ -247,6 +254,11 @@ class Telemetry:
         if gimbal and not count_from_north(gimbal[-1].flags):
             return (PLACE, told_camera, told_body)
         return (PLACE, told_camera)
+
+    @property
+    def _needs_body(self) -> bool:
+        """Whether poses follow from the drone's own attitude."""
+        return any(kind in _BODY for kind in self._telling())
 
     def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
         offset_ns = self.clock.offset_ns
@@ -257,6 +269,7 @@ class Telemetry:
         around = {kind: self._around(kind, at_ms) for kind in KINDS}
         first_ms = around["GLOBAL_POSITION_INT"][0].time_boot_ms
         log = log_of_boots([Boot(around, first_ms)], None, [])
+        self._unset = log.body_ned is not None and self._needs_body and are_unset(log.body_ned)
         heights = self._options.heights
         placed = local_track(log.poses(self._options.mount), heights, self._anchor)
         track = placed.track.shifted(first_ms * _MS_NS + offset_ns)

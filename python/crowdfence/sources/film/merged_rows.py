@@ -10,9 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.rotation import are_unset
 
 _LONGEST_GAP_S = 2.1
 """Positions come once a second at the least; a longer pause stays a gap."""
+UNSET_BODY = (
+    "are level and due north to the last digit, as where nobody tells them: what a "
+    "camera saw that hangs on it by --mount, or on a gimbal that counts from its heading, is put anywhere; "
+    "--mount north:PITCH,YAW needs none"
+)
+"""What is told of them, as the end of a sentence that begins with which they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +65,9 @@ def merged(
 ) -> FlightLog:
     """A log timed by itself, with a row for every attitude; `position` has columns time_s, latitude,
     longitude and those that `heights` names. ValueError when there is no position or no attitude."""
+    said = list(remarks)
+    if body is not None and are_unset(body.quaternions):
+        said.append(f"all {len(body.quaternions)} attitudes of the drone {UNSET_BODY}")
     columns = {name: np.asarray(values, np.float64) for name, values in position.items()}
     usable = np.isfinite(np.stack(list(columns.values()))).all(axis=0)
     usable &= (columns["latitude"] != 0) | (columns["longitude"] != 0)
@@ -86,7 +96,7 @@ def merged(
         body_ned=None if body is None else body.at(rows),
         timed_by_film=False,
         take_off=take_off,
-        remarks=list(remarks),
+        remarks=said,
     )
 
 
