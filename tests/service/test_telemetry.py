@@ -271,6 +271,27 @@ def test_attitudes_of_a_drone_that_nobody_set_are_told_of(mount: Any, told: bool
         assert "attitudes of uav1 are level and due north to the last digit" in (feed.doubt or "")
 
 
+@pytest.mark.parametrize(("off_deg", "told"), [(0.0, False), (25.0, True)])
+def test_a_mount_that_is_not_what_the_gimbal_tells_is_told_of(off_deg: float, told: bool) -> None:
+    """--mount of another flight: a run of the log says that the recorded attitudes are not used, and by how
+    much they differ; live nothing was said."""
+    half = np.radians(-60.0) / 2
+    feed = Telemetry(
+        "uav1", ground(), mission().georeference, replace(SEA, mount=CameraMount("level", -60.0 + off_deg))
+    )
+    for row in rows():
+        down_60 = mavlink.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, boot_ms(row), 32, [np.cos(half), 0.0, np.sin(half), 0.0], 0.0, 0.0, 0.0, 0
+        )
+        for message in (position(row), down_60, attitude(row), system_time(row)):
+            feed.heard(message, row.stamp_ns)
+    feed.pose_at(frames()[2].stamp_ns)
+    assert (feed.doubt is not None) == told, feed.doubt
+    if told:
+        said = "--mount is used instead, of kind level, 25 degrees from that"
+        assert said in (feed.doubt or "")
+
+
 def test_of_two_gimbals_the_attitudes_of_one_are_taken_also_while_it_is_silent_and_that_is_told() -> None:
     """The first looks where the pictures do, the second straight up. Where the first was silent for some
     seconds, views got the attitude of the second, and nothing was said."""

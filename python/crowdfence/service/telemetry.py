@@ -81,6 +81,8 @@ class Telemetry:
         self._receivers = Receivers()
         self._take_off_doubt: str | None = None
         """Why the heights of the last view may be wrong."""
+        self._overruled = ""
+        """What is said where a gimbal told another attitude of the last view than the mount."""
         self._unset = False
         """Whether nobody had set the drone's attitudes that the last view was given."""
         self.clock = BootClock()
@@ -190,6 +192,8 @@ class Telemetry:
             return f"attitudes of {self._drone} {UNSET_BODY}"
         if self._take_off_doubt is not None:
             return f"{self._drone}: {self._take_off_doubt}"
+        if self._overruled:
+            return f"{self._drone}: {self._overruled}"
         several = next((self._several[kind] for kind in self._telling() if kind in self._several), None)
         if several is None:
             return None
@@ -270,6 +274,7 @@ class Telemetry:
         first_ms = around["GLOBAL_POSITION_INT"][0].time_boot_ms
         log = log_of_boots([Boot(around, first_ms)], None, [])
         self._unset = log.body_ned is not None and self._needs_body and are_unset(log.body_ned)
+        self._overruled = log.overruled(self._options.mount)
         heights = self._options.heights
         placed = local_track(log.poses(self._options.mount), heights, self._anchor)
         track = placed.track.shifted(first_ms * _MS_NS + offset_ns)
