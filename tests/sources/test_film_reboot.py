@@ -80,6 +80,14 @@ def test_a_packet_that_was_held_up_is_no_new_start(tmp_path: Path) -> None:
     assert np.allclose(log.time_s, ticks(100), atol=1e-3) and not log.remarks
 
 
+def test_a_first_packet_that_was_held_up_does_not_lay_the_whole_log_late(tmp_path: Path) -> None:
+    """Its link had only just come up, and kept it for 4 s: every picture of the flight got the pose of 4 s
+    before, without a word."""
+    told = [(max(t, 4.0) if t < 0.05 else t, 5 + t, 500.0) for t in ticks(100)]
+    log = read_tlog(log_of(tmp_path / "a.tlog", told))
+    assert log.start_ns == BEGIN_S * 10**9 and np.allclose(log.time_s, ticks(100), atol=1e-3)
+
+
 def test_a_new_start_that_nobody_can_place_is_left_out(tmp_path: Path) -> None:
     # The ground station's own clock is put back by 8 s while the battery is changed.
     told = [(t, 50 + t, 500.0) for t in ticks(100)] + [(2 + t, 5 + t, 600.0) for t in ticks(50)]

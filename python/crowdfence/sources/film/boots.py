@@ -1,8 +1,9 @@
 """A telemetry log that goes on while the autopilot starts anew: after a change of battery its clock, the
 milliseconds since it started, begins again.
 
-Within a boot times are the autopilot's, so that the delay of a radio does not shake them. Each boot lies on
-the arrival of its first position, so that the pause between two stays a pause.
+Within a boot times are the autopilot's, so that the delay of a radio does not shake them. Each boot lies
+where its first position arrived, with the delay of the usual message, so that the pause between two stays a
+pause.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from crowdfence.sources.film.component_clock import on_one_clock
+from crowdfence.sources.film.component_clock import offset_ms, on_one_clock
 
 PLACE = "GLOBAL_POSITION_INT"
 
@@ -29,6 +30,8 @@ class Boot:
     """By kind, in order of arrival."""
     zero_ms: float
     """Its clock at time 0 of the log."""
+    arrived_s: float = 0.0
+    """When its first position came, had it come like the usual message."""
 
     def time_s(self, kind: str) -> list[float]:
         return [(one.time_boot_ms - self.zero_ms) / 1e3 for one in self.messages[kind]]
@@ -46,16 +49,18 @@ def boots_of(messages: Sequence[Any], kinds: Sequence[str], remarks: list[str]) 
         run = on_one_clock(told, component, remarks)
         of_kind = {kind: [one for one in run if one.get_type() == kind] for kind in kinds}
         places = of_kind[PLACE]
+        own = [one for one in told if one.get_srcComponent() == component and hasattr(one, "time_boot_ms")]
+        arrived_s = (places[0].time_boot_ms + offset_ms(own)) / 1e3
         if not found:
-            began_s = places[0]._timestamp
-        begin_s = places[0]._timestamp - began_s
+            began_s = arrived_s
+        begin_s = arrived_s - began_s
         if begin_s <= ended_s:
             remarks.append(
                 f"{len(places)} positions after a new start of the autopilot are left out: the clock of who "
                 f"wrote the log fell too, by {ended_s - begin_s:.1f} s"
             )
             continue
-        found.append(Boot(of_kind, places[0].time_boot_ms - begin_s * 1e3))
+        found.append(Boot(of_kind, places[0].time_boot_ms - begin_s * 1e3, arrived_s))
         ended_s = found[-1].time_s(PLACE)[-1]
     if len(found) > 1:
         begins = ", ".join(f"{boot.time_s(PLACE)[0]:.1f}" for boot in found[1:])

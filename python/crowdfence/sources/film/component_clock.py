@@ -31,7 +31,7 @@ def on_one_clock(messages: Sequence[Any], component: int, remarks: list[str]) ->
     `component`, did not start anew: those of gimbals that are components of their own on its clock, others
     that are not its own left out."""
     own = [one for one in messages if one.get_srcComponent() == component and hasattr(one, "time_boot_ms")]
-    autopilot_ms = _offset_ms(own)
+    autopilot_ms = offset_ms(own)
     laid: dict[int, Any] = {}
     for other in sorted({one.get_srcComponent() for one in messages} - {component}):
         theirs = [one for one in messages if one.get_srcComponent() == other]
@@ -39,7 +39,7 @@ def on_one_clock(messages: Sequence[Any], component: int, remarks: list[str]) ->
         of_gimbal = [one for one in theirs if one.get_type() in OF_GIMBALS]
         shifts_ms = []
         for started in _starts(of_gimbal):
-            shift_ms = _offset_ms(started) - autopilot_ms
+            shift_ms = offset_ms(started) - autopilot_ms
             shift_ms = shift_ms if abs(shift_ms) > OWN_CLOCK_MS else 0.0
             shifts_ms.append(shift_ms)
             laid |= {id(one): at_autopilot_time(one, shift_ms) for one in started}
@@ -62,8 +62,8 @@ def _tell_left_out(messages: Sequence[Any], component: int, remarks: list[str]) 
         )
 
 
-def _offset_ms(messages: Sequence[Any]) -> float:
-    """Arrival less time since the start, of the usual message."""
+def offset_ms(messages: Sequence[Any]) -> float:
+    """Arrival less time since the start, of the usual message: one may be held up on its way."""
     return median(one._timestamp * 1e3 - one.time_boot_ms for one in messages)
 
 

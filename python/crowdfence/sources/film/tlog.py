@@ -43,7 +43,7 @@ def read_tlog(path: Path) -> FlightLog:
     remarks: list[str] = []
     messages = _messages(path, remarks)
     boots = boots_of(messages, KINDS, remarks)
-    arrived_s = boots[0].messages[PLACE][0]._timestamp
+    arrived_s = boots[0].arrived_s
     start_ns = round(arrived_s * 1e6) * 1000 if 0 < arrived_s < _LATEST_S else None
     return log_of_boots(boots, start_ns, remarks)
 
