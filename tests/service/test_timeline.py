@@ -403,6 +403,21 @@ def test_who_asks_in_another_unit_is_not_told_that_nothing_was_closed(
             assert refused.status_code == 422 and told in refused.json()["detail"]
 
 
+def test_who_asks_for_a_time_to_come_is_not_told_of_now(tmp_path: Path) -> None:
+    """A zone that is dismissed for a minute was left out of a file for ten minutes later."""
+    with running(tmp_path) as service, asked(service) as http:
+        for one in views(9):
+            service.live.intake.give_view(message(one))
+        settle(service)
+        newest_ns = service.mission.newest.stamp_ns
+        latest_ns = max(newest_ns, service.now_ns())
+        assert http.get("/api/v1/zones", params={"at": latest_ns + 10**9}).status_code == 200
+        for path in ("zones", "export", "drones", "belief", "zones/Z1/history"):
+            refused = http.get(f"/api/v1/{path}", params={"at": latest_ns + 600 * 10**9})
+            assert refused.status_code == 422, path
+            assert "after now" in refused.json()["detail"]
+
+
 def test_a_parameter_that_there_is_not_is_refused(tmp_path: Path) -> None:
     """A misspelled `at` was left out, and what is closed now told for then; a misspelled datum, above what
     heights count."""

@@ -8,6 +8,7 @@ from fastapi import Depends, HTTPException, Query
 from starlette.requests import HTTPConnection, Request
 
 from crowdfence.errors import quoted
+from crowdfence.iso_time import iso_utc
 from crowdfence.service.access import COOKIE, User
 from crowdfence.service.service import Service
 from crowdfence.service.stamps import stamp_of
@@ -72,7 +73,8 @@ def at_ns(
         Query(description="Nanoseconds since 1970 as digits; left out: the newest.", max_length=20),
     ] = None,
 ) -> int | None:
-    """422 for what is no stamp, or one in another unit: before all that is known nothing is closed."""
+    """422 for what is no stamp, or one in another unit: before all that is known nothing is closed; and for
+    one that is still to come: what is open now, as a dismissed zone is, may be closed then."""
     try:
         asked_ns = stamp_of(at)
     except ValueError as error:
@@ -80,6 +82,16 @@ def at_ns(
     # The clock of a simulation passes through all numbers.
     if asked_ns is not None and asked_ns < _LEAST_NS <= service.now_ns():
         raise HTTPException(422, f"at is {asked_ns} ns since 1970, before 2001{unit_hint(asked_ns)}")
+    now_ns, newest = service.now_ns(), service.mission.newest
+    latest_ns = max(now_ns, 0 if newest is None else newest.stamp_ns)
+    ahead_s = 0.0 if asked_ns is None else (asked_ns - latest_ns) / 1e9
+    # A clock that only views move has not begun before the first of them.
+    if now_ns > 0 and ahead_s > service.settings.max_ahead_s:
+        raise HTTPException(
+            422,
+            f"at lies {ahead_s:.1f} s after now, {iso_utc(latest_ns)}: nobody knows what is closed then; "
+            "leave at out for what is closed now",
+        )
     return asked_ns
 
 
