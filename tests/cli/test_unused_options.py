@@ -110,6 +110,17 @@ def test_an_instant_of_a_file_that_has_one_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "given", [["--check-pixels"], ["--samples", "3"], ["--max-range-m", "50"], ["--tolerance-ms", "10"]]
+)
+def test_what_a_map_alone_does_not_take(tmp_path: Path, given: list[str]) -> None:
+    path = tmp_path / "plain.obj"
+    path.write_text("v 0 0 0\nv 9 0 0\nv 9 9 0\nf 1 2 3\n")
+    message = refused("inspect", str(path), "--quick", *given)
+    why = "with --quick" if "--samples" in given else f"with {path}, which is no recording"
+    assert message.startswith(f"{given[0]} does nothing {why}")
+
+
+@pytest.mark.parametrize(
     ("given", "why"),
     [
         (["-m", "evidence", "--alpha", ".5"], "--alpha does nothing with --method evidence"),

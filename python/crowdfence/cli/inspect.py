@@ -14,6 +14,7 @@ from crowdfence.atomic_file import replaceable_file
 from crowdfence.cli import console, options, source_options
 from crowdfence.cli.option_sets import FlightOptions, SourceOptions, takes
 from crowdfence.cli.recording_tables import print_recording, unmeasured_ground
+from crowdfence.cli.unused_options import refuse_unused
 from crowdfence.cli.wording import in_options
 from crowdfence.inspection import InspectionOptions
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from crowdfence.inspection.terrain import MapReport, TerrainReport
 
 DEFAULT = InspectionOptions()
+_OF_VIEWS = ("tolerance_ms", "max_range_m", "samples", "check_pixels")
+"""What maps and saved crowd maps have no use for."""
 
 
 @takes(SourceOptions, FlightOptions, before="tolerance_ms")
@@ -66,8 +69,11 @@ def inspect(
     """Say what is in a file: size, time span, gaps, cameras, flight, and how the views overlap."""
     from crowdfence.inspection import inspect_file
     from crowdfence.inspection.crowd_map import CrowdMapReport
+    from crowdfence.inspection.recording import RecordingReport
     from crowdfence.inspection.terrain import MapReport
 
+    if quick:
+        refuse_unused(context, ["samples"], "with --quick, which compares no views")
     map_options = options.terrain_options(
         voxel_size_m, terrain_option, origin=origin, assume_local=assume_local
     )
@@ -89,6 +95,8 @@ def inspect(
             ),
             tell=tell,
         )
+        if not isinstance(report, RecordingReport):
+            refuse_unused(context, _OF_VIEWS, f"with {file}, which is no recording")
         if picture is not None:
             tell("drawing the contact sheet")
             _write_picture(picture, report, terrain, map_options, tolerance_ms, context.params)
