@@ -151,8 +151,8 @@ TerrainOption = Annotated[
     typer.Option(
         "--terrain-option",
         metavar="NAME=VALUE",
-        help="How to read the map: crs=EPSG:32632, surface=ground, max_hole_m2=0, up=y, or height_offset_m= "
-        "metres; may be repeated.",
+        help="How to read the map: crs=EPSG:32632, height_offset_m=5, surface=ground, max_hole_m2=0, up=y; "
+        "may be repeated.",
     ),
 ]
 Origin = Annotated[
