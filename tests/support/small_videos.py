@@ -96,7 +96,7 @@ def write_cover(path: Path, film: Path) -> Path:
         stream = target.add_stream_from_template(source.streams.video[0])
         cover = target.add_stream("mjpeg", rate=1)
         cover.width, cover.height, cover.pix_fmt = WIDTH, HEIGHT, "yuvj420p"
-        cover.disposition = av.stream.Disposition.attached_pic
+        cover.disposition = av.stream.Disposition.attached_pic.value  # PyAV 14 takes a number
         for packet in source.demux(video=0):
             if packet.dts is not None:
                 packet.stream = stream
