@@ -18,7 +18,7 @@ from crowdfence.atomic_file import require_replaceable
 from crowdfence.detector.blank_picture import blank_reason
 from crowdfence.detector.combination import combination_warnings
 from crowdfence.detector.overlay import caption, overlay
-from crowdfence.detector.validity import shrunk_warning, tested_range
+from crowdfence.detector.validity import shrunk_warnings, tested_range
 from crowdfence.exports.heatmap_folder import HEATMAPS, INDEX, HeatmapFolder
 from crowdfence.exports.video import VideoWriter, video_size
 from crowdfence.iso_time import iso_utc
@@ -110,7 +110,7 @@ def detect_pictures(
     models = [member.contract for member in detector.members] or [detector.contract]
     warnings = (
         *_unknown_scale(detector, gsd_m),
-        *filter(None, (shrunk_warning(model, *largest, gsd_m) for model in models)),
+        *shrunk_warnings(models, *largest, gsd_m),
         *combination_warnings(detector.contract),
         *watch.warnings,
     )

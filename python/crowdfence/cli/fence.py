@@ -257,7 +257,7 @@ def _place(context: typer.Context, zones: str, at: str, token: str | None, ca: P
     place = ZoneFile(zones, at)
     if place.is_of_one_instant:
         refuse_unused(context, ["at"], _ONE_INSTANT)
-    else:
+    elif at != "last":
         asked_stamp(at, open_history(zones))
     return place
 

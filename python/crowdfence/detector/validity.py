@@ -220,6 +220,14 @@ def shrunk_warning(contract: Contract, width: int, height: int, gsd_m: float | N
     )
 
 
+def shrunk_warnings(
+    contracts: Sequence[Contract], width: int, height: int, gsd_m: float | None = None
+) -> list[str]:
+    """The same of several models that look together."""
+    told = (shrunk_warning(contract, width, height, gsd_m) for contract in contracts)
+    return [text for text in told if text is not None]
+
+
 def silence_warning(contract: Contract) -> str | None:
     """One sentence where, by what the contract states, no look can ever speak for crowd: whatever the model
     sees, nothing would be closed. That is what a calibration on data whose crowds lie elsewhere than their

@@ -97,12 +97,11 @@ class HeatmapSource:
 
     def shrunk(self, width: int, height: int, gsd_m: float | None = None) -> list[str]:
         """What is said where models see pictures of this size far smaller than they are."""
-        from crowdfence.detector.validity import shrunk_warning
+        from crowdfence.detector.validity import shrunk_warnings
 
         alone = [] if self.contract is None else [self.contract]
         contracts = [member.contract for member in self.members] or alone
-        told = (shrunk_warning(one, width, height, gsd_m) for one in contracts)
-        return [text for text in told if text is not None]
+        return shrunk_warnings(contracts, width, height, gsd_m)
 
     def far_looks(self) -> FarLooks:
         """For one flight."""

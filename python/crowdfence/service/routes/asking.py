@@ -79,12 +79,14 @@ def at_ns(
         asked_ns = stamp_of(at)
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
-    # The clock of a simulation passes through all numbers.
-    if asked_ns is not None and asked_ns < _LEAST_NS <= service.now_ns():
-        raise HTTPException(422, f"at is {asked_ns} ns since 1970, before 2001{unit_hint(asked_ns)}")
+    if asked_ns is None:
+        return None
     now_ns, newest = service.now_ns(), service.mission.newest
+    # The clock of a simulation passes through all numbers.
+    if asked_ns < _LEAST_NS <= now_ns:
+        raise HTTPException(422, f"at is {asked_ns} ns since 1970, before 2001{unit_hint(asked_ns)}")
     latest_ns = max(now_ns, 0 if newest is None else newest.stamp_ns)
-    ahead_s = 0.0 if asked_ns is None else (asked_ns - latest_ns) / 1e9
+    ahead_s = (asked_ns - latest_ns) / 1e9
     # A clock that only views move has not begun before the first of them.
     if now_ns > 0 and ahead_s > service.settings.max_ahead_s:
         raise HTTPException(

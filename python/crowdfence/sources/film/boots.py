@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from crowdfence.sources.film.component_clock import offset_ms, on_one_clock
+from crowdfence.sources.film.component_clock import offset_ms, on_one_clock, timed_by
 
 PLACE = "GLOBAL_POSITION_INT"
 
@@ -49,8 +49,7 @@ def boots_of(messages: Sequence[Any], kinds: Sequence[str], remarks: list[str]) 
         run = on_one_clock(told, component, remarks)
         of_kind = {kind: [one for one in run if one.get_type() == kind] for kind in kinds}
         places = of_kind[PLACE]
-        own = [one for one in told if one.get_srcComponent() == component and hasattr(one, "time_boot_ms")]
-        arrived_s = (places[0].time_boot_ms + offset_ms(own)) / 1e3
+        arrived_s = (places[0].time_boot_ms + offset_ms(timed_by(told, component))) / 1e3
         if not found:
             began_s = arrived_s
         begin_s = arrived_s - began_s

@@ -30,8 +30,7 @@ def on_one_clock(messages: Sequence[Any], component: int, remarks: list[str]) ->
     """Decoded messages of one vehicle in order of arrival (`_timestamp`, seconds), while its autopilot, the
     `component`, did not start anew: those of gimbals that are components of their own on its clock, others
     that are not its own left out."""
-    own = [one for one in messages if one.get_srcComponent() == component and hasattr(one, "time_boot_ms")]
-    autopilot_ms = offset_ms(own)
+    autopilot_ms = offset_ms(timed_by(messages, component))
     laid: dict[int, Any] = {}
     for other in sorted({one.get_srcComponent() for one in messages} - {component}):
         theirs = [one for one in messages if one.get_srcComponent() == other]
@@ -60,6 +59,11 @@ def _tell_left_out(messages: Sequence[Any], component: int, remarks: list[str]) 
         remarks.append(
             f"{kinds.count(kind)} {kind} of component {component} are left out: they are not the autopilot's"
         )
+
+
+def timed_by(messages: Sequence[Any], component: int) -> list[Any]:
+    """Those that a component stamped with the time since its start."""
+    return [one for one in messages if one.get_srcComponent() == component and hasattr(one, "time_boot_ms")]
 
 
 def offset_ms(messages: Sequence[Any]) -> float:
