@@ -176,3 +176,24 @@ def test_positions_without_a_fix_are_told(tmp_path: Path) -> None:
     path.write_bytes(b"".join(records))
     (told,) = (remark for remark in read_tlog(path).remarks if "dead reckoning" in remark)
     assert told.startswith("50 of 100 positions are by dead reckoning")
+
+
+def test_positions_nowhere_on_earth_do_not_cost_the_flight(tmp_path: Path) -> None:
+    # 91 degrees north, and the largest number, which means that a longitude is not known: 2 of 100.
+    wrong = {30: (910000000, 80000000), 31: (465000000, 2**31 - 1)}
+    path = tmp_path / "a.tlog"
+    path.write_bytes(
+        b"".join(
+            record(5 + t, message)
+            for number, t in enumerate(ticks(100))
+            for message in (
+                mavlink.MAVLink_global_position_int_message(
+                    round(t * 1e3), *wrong.get(number, (465000000, 80000000)), 500_000, 0, 0, 0, 0, 0
+                ),
+                camera(t),
+            )
+        )
+    )
+    log = read_tlog(path)
+    assert np.allclose(log.latitude_deg, 46.5) and np.allclose(log.longitude_deg, 8.0)
+    assert "2 of 100 positions are nowhere on Earth and left out" in log.remarks

@@ -71,6 +71,10 @@ def merged(
     columns = {name: np.asarray(values, np.float64) for name, values in position.items()}
     usable = np.isfinite(np.stack(list(columns.values()))).all(axis=0)
     usable &= (columns["latitude"] != 0) | (columns["longitude"] != 0)
+    on_earth = (np.abs(columns["latitude"]) <= 90) & (np.abs(columns["longitude"]) <= 180)
+    if nowhere := int(np.count_nonzero(usable & ~on_earth)):
+        said.append(f"{nowhere} of {len(usable)} positions are nowhere on Earth and left out")
+    usable &= on_earth
     _, order = np.unique(columns["time_s"][usable], return_index=True)
     if len(order) < 2:
         raise ValueError("it holds no positions on Earth")
