@@ -18,7 +18,7 @@ Datums that PROJ does not know are refused or taken as WGS84, see `crowdfence.da
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +51,9 @@ class Georeference:
     latitude_deg: float
     longitude_deg: float
     height_m: float
+    of_map: bool = field(default=False, repr=False, compare=False)
+    """Whether the reader of a map chose it, in the middle of the map: no poses count from there unless
+    somebody says so."""
 
     def __post_init__(self) -> None:
         make_plain(self)

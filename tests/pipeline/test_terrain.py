@@ -5,6 +5,7 @@ One camera looks straight down from 10 m above level voxels of 1 m. Of its 10 x 
 """
 
 import json
+import pickle
 import re
 import subprocess
 import sys
@@ -115,6 +116,25 @@ def test_a_map_that_was_opened_by_itself_is_not_put_below_a_flight_elsewhere(tmp
     ):
         (zone,) = run(recording, terrain, config).zones
         assert zone.polygon.bounds == pytest.approx((8.0, 8.0, 12.0, 12.0), abs=1.01)
+
+
+def test_a_map_that_was_opened_by_itself_is_not_taken_for_the_frame_of_a_flight_without_a_place(
+    recording: Path, tmp_path: Path
+) -> None:
+    """Like the command line, the library puts a flight that nobody placed nowhere."""
+    flight, dem = open_recording(recording), recording / "terrain" / "dem.tif"
+    alone = Terrain.open(dem, voxel_size_m=1.0)
+    assert alone.georeference == Georeference(*MIDDLE)
+    for terrain in (alone, pickle.loads(pickle.dumps(alone)), alone.with_origin(alone.origin)):
+        with pytest.raises(
+            ValueError, match=r"does not say where on Earth its \(0, 0, 0\) lies: .* assume_local"
+        ):
+            run(flight, terrain, RunConfig(OrConfig()))
+    for said in ({"assume_local": True}, {"georeference": alone.georeference}):
+        run_of = run(flight, open_terrain(flight, dem, voxel_size_m=1.0, **said), RunConfig(OrConfig()))
+        assert run_of.georeference == Georeference(*MIDDLE) and run_of.zones
+    alone.georeference = Georeference(*ORIGIN)  # says so as well
+    run(flight, alone, RunConfig(OrConfig()))
 
 
 def test_an_origin_says_what_a_georeference_in_the_recording_says(recording: Path, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -145,7 +145,7 @@ def source_frame(
     _check_degrees(crs, centre)
     if georeference is None:
         middle = Georeference.from_projected(crs, *_on_earth(crs, *centre), z)
-        georeference = Georeference(middle.latitude_deg, middle.longitude_deg, math.floor(middle.height_m))
+        georeference = replace(middle, height_m=math.floor(middle.height_m), of_map=True)
     distance_m = float(np.linalg.norm(georeference.local_from_projected(crs, *centre, z)))
     if distance_m > MAX_DISTANCE_M:
         raise ValueError(

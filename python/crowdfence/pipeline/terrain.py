@@ -108,9 +108,13 @@ def _related(
     elif place == "unstated":
         options["assume_local"] = assume_local
     try:
-        return read_map_file(path, georeference=anchor, **options)
+        reading = read_map_file(path, georeference=anchor, **options)
     except TypeError as error:
         raise ValueError(str(error)) from error
+    if reading.terrain.georeference is not None:
+        # By now somebody has said that it is where the poses count from.
+        reading.terrain.georeference = replace(reading.terrain.georeference, of_map=False)
+    return reading
 
 
 def _anchor(recording: Recording, given: Georeference | None) -> Georeference | None:
@@ -155,8 +159,9 @@ def place_doubts(path: Path, recording: Recording) -> tuple[str, ...]:
 
 
 def check_overlap(recording: Recording, terrain: Terrain, max_range_m: float) -> None:
-    """ValueError when both have a place on Earth and their local frames are two, and when no camera of the
-    recording comes within range of the terrain's bounding box."""
+    """ValueError when both have a place on Earth and their local frames are two, when the recording has none
+    and nobody said that its poses count from the middle of the map, and when no camera of the recording comes
+    within range of the terrain's bounding box."""
     _require_one_frame(recording, terrain)
     if not recording.frames:
         return
@@ -174,6 +179,13 @@ def check_overlap(recording: Recording, terrain: Terrain, max_range_m: float) ->
 def _require_one_frame(recording: Recording, terrain: Terrain) -> None:
     """A map that was opened by itself counts its metres from its own middle."""
     own, of_map = recording.georeference, terrain.georeference
+    if own is None and of_map is not None and of_map.of_map:
+        raise ValueError(
+            f"the terrain counts its metres from its own middle, at {of_map}, and {recording.name} does not "
+            "say where on Earth its (0, 0, 0) lies: open the map for the recording, with "
+            "open_terrain(recording, path, georeference=Georeference(LAT, LON, HEIGHT)), or "
+            "assume_local=True if it is that middle"
+        )
     if own is None or of_map is None or own == of_map:
         return
     place = own.local_from_geodetic(of_map.latitude_deg, of_map.longitude_deg, of_map.height_m)
