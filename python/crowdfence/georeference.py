@@ -51,7 +51,7 @@ class Georeference:
     latitude_deg: float
     longitude_deg: float
     height_m: float
-    of_map: bool = field(default=False, repr=False, compare=False)
+    of_map: bool = field(default=False, repr=False, compare=False, kw_only=True)
     """Whether the reader of a map chose it, in the middle of the map: no poses count from there unless
     somebody says so."""
 

@@ -37,6 +37,7 @@ def run_facts(run: Run) -> dict[str, Any]:
         "alignment": run.recording.manifest.get("alignment"),
         "pose_noise": run.recording.manifest.get("pose_noise"),
         "left_out": run.recording.manifest.get("left_out", []),
+        "hidden_by_camera_mask": run.recording.manifest.get("hidden_by_camera_mask", {}),
         "method": description.method,
         "parameters": description.parameters,
         "threshold": run.threshold,

@@ -63,6 +63,12 @@ class DetectorOptions:
     device: options.DeviceOption = options.DeviceChoice.cpu
 
 
+class MaskOptions:
+    """What of its pictures a drone hides by itself."""
+
+    camera_masks: source_options.CameraMasks = None
+
+
 class LookOptions:
     """How often a detector looks along a flight."""
 
@@ -140,6 +146,7 @@ class ZoneOptions:
 FUSION = (
     SourceOptions,
     FlightOptions,
+    MaskOptions,
     DetectorOptions,
     LookOptions,
     MethodOptions,

@@ -318,13 +318,18 @@ def _inputs(chosen: dict[str, Any]) -> Inputs:
     from crowdfence.sources.alignment_file import read_alignment
     from crowdfence.sources.camera_mount import CameraMount
     from crowdfence.sources.geographic_track import HeightOptions
+    from crowdfence.sources.masked_drones import camera_masks
 
     told = source_options.given(chosen)
     addresses = [TelemetryAddress.parse(text) for text in chosen["mavlink"] or ()]
     if addresses and chosen["clock"] is ClockName.views:
         raise ValueError("--mavlink is laid on the machine's clock: it does not go with --clock views")
     ros = _ros(chosen, told.get("pose_noise"))
-    usable = {"alignment", *(("mount", "heights", "geoid_m", "take_off") if addresses else ())}
+    usable = {
+        "alignment",
+        "camera_masks",
+        *(("mount", "heights", "geoid_m", "take_off") if addresses else ()),
+    }
     if ros is not None:
         usable |= {"topics", "mount"}
     if addresses or ros is not None:
@@ -342,6 +347,7 @@ def _inputs(chosen: dict[str, Any]) -> Inputs:
         ),
         ros=ros,
         offsets={} if alignment is None else read_alignment(alignment),
+        camera_masks=camera_masks(told.get("camera_masks", {})),
     )
 
 

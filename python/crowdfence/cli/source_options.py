@@ -175,6 +175,16 @@ Without = Annotated[
     ),
 ]
 
+CameraMasks = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--camera-mask",
+        metavar="DRONE=FILE",
+        help="Picture that is black where this drone's camera sees no ground but its own legs, or writing, "
+        "and white elsewhere: that part is not looked at; may be repeated.",
+    ),
+]
+
 NAMES = (
     "topics",
     "mount",
@@ -191,12 +201,13 @@ NAMES = (
     "max_jump_s",
     "alignment",
     "without",
+    "camera_masks",
 )
 
 
 def given(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """What a command was told about its recording, for `open_recording`. ValueError for a --take-off that is
-    no place and a --pose-noise that is none."""
+    no place, a --pose-noise that is none, and a --camera-mask of nobody or of one drone twice."""
     from crowdfence.sources.pose_noise import given_noise
 
     told: dict[str, Any] = {name: parameters.get(name) for name in NAMES}
@@ -210,6 +221,8 @@ def given(parameters: Mapping[str, Any]) -> dict[str, Any]:
         told["take_off"] = _place(told["take_off"])
     if "pose_noise" in told:
         told["pose_noise"] = given_noise(told["pose_noise"])
+    if "camera_masks" in told:
+        told["camera_masks"] = _by_drone(told["camera_masks"])
     return told
 
 
@@ -220,6 +233,18 @@ def open_source(path: Path | Sequence[Path], parameters: Mapping[str, Any]) -> R
     if not isinstance(path, Path):
         path = path[0] if len(path) == 1 else path
     return open_recording(path, **given(parameters))
+
+
+def _by_drone(masks: Sequence[str]) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for text in masks:
+        drone, _, file = text.partition("=")
+        if not drone or not file:
+            raise ValueError(f"--camera-mask {text!r} must be DRONE=FILE, such as uav1=legs.png")
+        if drone in found:
+            raise ValueError(f"--camera-mask gives {drone} two masks: paint both into one")
+        found[drone] = Path(file)
+    return found
 
 
 def _place(text: str) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdMass, Observation, Terrain
 from crowdfence.config import OrConfig, RunConfig
 from crowdfence.errors import FrameError
-from crowdfence.evaluation.cells.rates import Confusion, confusion
+from crowdfence.evaluation.cells.rates import Confusion, labelled_cells
 from crowdfence.evaluation.iou import MeanIou
 from crowdfence.evaluation.layer_measures import LayerMeasures
 from crowdfence.evaluation.measures import Measures, SeenVoxels
@@ -121,17 +121,18 @@ class CellCounter:
         """The views of an instant; those of frames without a label do not count, nor do those of a part of
         their picture."""
         labelled = {frame.drone: frame for frame in instant.frames if has_crowd_mask(frame)}
-        heatmaps, masks = [], []
         for view in found.views:
-            if view.drone in labelled and view.looked_at is None:
-                try:
-                    masks.append(crowd_mask(labelled[view.drone]))
-                except FrameError as error:
-                    self._untold.label(error)
-                    continue
-                heatmaps.append(view.heatmap)
-        if heatmaps:
-            self.counts += confusion(heatmaps, masks, self.b_threshold)
+            frame = labelled.get(view.drone)
+            if frame is None or not frame.is_whole(view):
+                continue
+            try:
+                mask = crowd_mask(frame)
+            except FrameError as error:
+                self._untold.label(error)
+                continue
+            seen = ... if view.looked_at is None else view.looked_at
+            for values, crowd in labelled_cells([view.heatmap], [mask]):
+                self.counts += Confusion.of(values[seen] > self.b_threshold, crowd[seen])
 
     def nothing_shown_warning(self, layer: str) -> str | None:
         """One sentence where labels were counted, and none of them shows the class of the layer."""

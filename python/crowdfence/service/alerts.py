@@ -25,6 +25,7 @@ AlertKind = Literal[
     "pose_gap",
     "pose_frames",
     "alignment_unused",
+    "mask_unused",
     "lost_crowd",
     "unheeded_crowd",
     "denied_crowd",

@@ -9,7 +9,7 @@ import json
 import logging
 import queue
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from threading import Event, Thread
 
@@ -34,6 +34,7 @@ from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.service.track import Sighting
 from crowdfence.service.view_message import CameraMessage, ViewMessage
+from crowdfence.sources.camera_mask import CameraMask
 from crowdfence.sources.recording import RefusedFrame
 
 _LOG = logging.getLogger(__name__)
@@ -61,10 +62,11 @@ class Applying:
         gate: Gate,
         heard: Heard,
         detector_threads: int,
+        masks: Mapping[str, CameraMask],
     ) -> None:
         self._mission, self._journal, self._fleet, self._media = mission, journal, fleet, media
         self._alerts, self._clock, self._settings = alerts, clock, settings
-        self._gate, self._heard = gate, heard
+        self._gate, self._heard, self._masks = gate, heard, masks
         self._doubts = HeatmapDoubts(alerts)
         self.detecting = Detecting(mission.heatmaps, detector_threads)
         self.gathering = self._no_gathering()
@@ -256,11 +258,16 @@ class Applying:
         if record.kind == "observation":
             return Arrival(record.seq, record.drone, record.stamp_ns, Observation.from_bytes(record.body))
         message = ViewMessage.model_validate_json(record.body)
-        if message.heatmap is not None:
-            view = message.view()
-            place = view.world_from_camera[:3, 3]
-            return Arrival(record.seq, record.drone, record.stamp_ns, view, position=place)
-        frame = message.frame()
+        mask = self._masks.get(record.drone)
+        try:
+            if message.heatmap is not None:
+                view = message.view(mask)
+                place = view.world_from_camera[:3, 3]
+                return Arrival(record.seq, record.drone, record.stamp_ns, view, position=place)
+            frame = message.frame(mask)
+        except ValueError as error:  # the mask is of now, the view of another camera before a restart
+            refused = RefusedFrame(record.drone, record.stamp_ns, str(error))
+            return Arrival(record.seq, record.drone, record.stamp_ns, refused)
         near = self.detecting.leaves_far_out(frame) if near is None else near
         return Arrival(
             record.seq,

@@ -13,6 +13,7 @@ from crowdfence.service.poses import PoseFeed
 from crowdfence.service.ros.link import RosLink
 from crowdfence.service.service import Service
 from crowdfence.service.telemetry import Telemetry, TelemetryOptions
+from crowdfence.sources.camera_mask import CameraMask
 from crowdfence.sources.pose_offset import PoseOffset
 
 
@@ -27,6 +28,8 @@ class Inputs:
     ros: RosLink | None = None
     offsets: Mapping[str, PoseOffset] = field(default_factory=dict)
     """What the poses of a drone are constantly off, also of views that bring theirs."""
+    camera_masks: Mapping[str, CameraMask] = field(default_factory=dict)
+    """Where the pictures of a drone show no ground."""
 
     def __post_init__(self) -> None:
         """ValueError for an empty pass phrase, as of a file that was not filled in: anybody can sign with

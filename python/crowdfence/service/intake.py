@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import asdict
@@ -30,6 +30,7 @@ from crowdfence.service.poses import Poses
 from crowdfence.service.store import Write
 from crowdfence.service.view_lag import ViewLag
 from crowdfence.service.view_message import ViewMessage, first_problem
+from crowdfence.sources.camera_mask import CameraMask
 
 _DECIDED_WITHIN_S = 10.0
 
@@ -51,12 +52,14 @@ class Intake:
         clock: Clock,
         gate: Gate,
         poses: Poses,
+        masks: Mapping[str, CameraMask],
         heard: Heard,
         alerts: Alerts,
         applying: Applying,
     ) -> None:
         self._mission, self._journal, self._clock, self._gate = mission, journal, clock, gate
-        self._poses, self._heard, self._alerts, self._applying = poses, heard, alerts, applying
+        self._poses, self._masks, self._heard = poses, masks, heard
+        self._alerts, self._applying = alerts, applying
 
     def give_view(self, raw: bytes, drones: Sequence[str] = ()) -> Accepted:
         """A view as JSON, from somebody who may give those of `drones` (empty: any). Refused."""
@@ -75,7 +78,7 @@ class Intake:
         except ValidationError as error:
             raise self._lost(422, first_problem(error)) from error
         try:
-            message.check()
+            message.check(self._masks.get(message.drone))
         except ValueError as error:
             raise self._lost(422, str(error), message.drone, message.stamp_ns) from error
         return message
@@ -112,6 +115,9 @@ class Intake:
             raise self._lost(422, reason, drone, stamp_ns)
         if self._poses.aligns(drone):
             reason = f"{drone} projects itself: it must be aligned there, not by --alignment here"
+            raise self._lost(422, reason, drone, stamp_ns)
+        if drone in self._masks:
+            reason = f"{drone} projects itself: its pictures must be masked there, not by --camera-mask here"
             raise self._lost(422, reason, drone, stamp_ns)
         return self._give("observation", drone, stamp_ns, lambda: raw, drones)
 

@@ -6,7 +6,7 @@ intake (any thread) -> journal -> applying (one thread, in the order of the jour
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from crowdfence.service.alerts import Alerts
 from crowdfence.service.applying import Applying
@@ -21,6 +21,7 @@ from crowdfence.service.mission import Mission
 from crowdfence.service.poses import Poses
 from crowdfence.service.settings import ServiceSettings
 from crowdfence.service.ticker import Ticker
+from crowdfence.sources.camera_mask import CameraMask
 
 _MOST_DRONES = 1000
 
@@ -39,6 +40,7 @@ class Live:
         settings: ServiceSettings,
         *,
         poses: Poses | None = None,
+        masks: Mapping[str, CameraMask] | None = None,
         detector_threads: int = 1,
     ) -> None:
         self._mission, self._clock, self._settings = mission, clock, settings
@@ -46,6 +48,8 @@ class Live:
         self.heard = Heard()
         self.poses = poses or Poses({}, wait_s=0.0, stale_s=0.0, started_ns=0)
         """Of drones whose views come without."""
+        self.masks = masks or {}
+        """Where the pictures of a drone show no ground."""
         most = int(mission.loop.crowd_map.method.parameters.get("fleet_size", _MOST_DRONES))
         gate = Gate(
             clock,
@@ -56,9 +60,21 @@ class Live:
             most_drones=most,
         )
         self.applying = Applying(
-            mission, journal, fleet, media, alerts, clock, settings, gate, self.heard, detector_threads
+            mission,
+            journal,
+            fleet,
+            media,
+            alerts,
+            clock,
+            settings,
+            gate,
+            self.heard,
+            detector_threads,
+            self.masks,
         )
-        self.intake = Intake(mission, journal, clock, gate, self.poses, self.heard, alerts, self.applying)
+        self.intake = Intake(
+            mission, journal, clock, gate, self.poses, self.masks, self.heard, alerts, self.applying
+        )
         self._ticker = Ticker(mission, journal, clock, settings, self.heard, self.applying)
 
     def _known_drones(self) -> Iterable[str]:

@@ -174,6 +174,7 @@ def live(
                 max_ahead_s=settings.max_ahead_s if clock.kind == "system" else math.inf,
                 offsets=inputs.offsets,
             ),
+            masks=inputs.camera_masks,
             detector_threads=detector_threads,
         )
         damaged = going.applying.recover()

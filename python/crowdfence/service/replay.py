@@ -123,7 +123,7 @@ class Replay:
                 Sighting(view.stamp_ns, view.camera, view.world_from_camera, has_picture, True),
             )
             # Of a part of the picture: on the page the rest would flicker.
-            if view.looked_at is not None or not self._media.wants(view.drone, view.stamp_ns):
+            if not frame.is_whole(view) or not self._media.wants(view.drone, view.stamp_ns):
                 continue
             self._media.keep("heatmap", view.drone, view.stamp_ns, heatmap_png(view.heatmap))
             if has_picture:

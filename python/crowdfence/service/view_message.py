@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from crowdfence._core import Camera, View
+from crowdfence.sources.camera_mask import CameraMask
 from crowdfence.sources.recording import Frame, PixelSources
 
 MOST_PIXELS = 64_000_000
@@ -135,12 +136,12 @@ class ViewMessage(BaseModel):
         """The same with this pose."""
         return self.model_copy(update={"world_from_camera": world_from_camera.tolist()})
 
-    def check(self) -> None:
-        """ValueError for what can be no view, whatever its pose."""
+    def check(self, mask: CameraMask | None = None) -> None:
+        """ValueError for what can be no view, whatever its pose, nor with this mask."""
         if (self.heatmap is None) == (self.image is None):
             raise ValueError("a view has either a heatmap or an image")
         whole = self if self.world_from_camera is not None else self.posed(np.eye(4))
-        _ = whole.view() if self.image is None else whole.frame()
+        _ = whole.view(mask) if self.image is None else whole.frame(mask)
         farthest_m = float(np.abs(whole._pose()[:3, 3]).max())
         if farthest_m > FARTHEST_M:
             raise ValueError(
@@ -153,21 +154,27 @@ class ViewMessage(BaseModel):
             raise ValueError("there is no pose")
         return np.array(self.world_from_camera)
 
-    def view(self) -> View:
-        """Of a message with a heatmap. ValueError for what the core refuses."""
+    def view(self, mask: CameraMask | None = None) -> View:
+        """Of a message with a heatmap, without what a mask hides. ValueError for what the core refuses, and
+        for a mask of other proportions."""
         if self.heatmap is None:
             raise ValueError("there is no heatmap")
-        heatmap = self.heatmap.heatmap()
-        return View(self.drone, self.stamp_ns, self.camera.camera(), self._pose(), heatmap)
+        camera, heatmap = self.camera.camera(), self.heatmap.heatmap()
+        if mask is not None:
+            heatmap = mask.over(heatmap, camera.width, camera.height)
+        return View(self.drone, self.stamp_ns, camera, self._pose(), heatmap)
 
-    def frame(self) -> Frame:
-        """Of a message with an image. ValueError for a camera, a pose or text that cannot be."""
+    def frame(self, mask: CameraMask | None = None) -> Frame:
+        """Of a message with an image. ValueError for a camera, a pose or text that cannot be, and as for
+        `view`."""
         if self.image is None:
             raise ValueError("there is no image")
         body, camera = _decoded(self.image), self.camera.camera()
-        pose = self._pose()
-        View(self.drone, self.stamp_ns, camera, pose, np.zeros((1, 1), np.uint8))  # refuses a wrong pose now
-        return Frame(self.drone, self.stamp_ns, camera, pose, PixelSources(image=lambda: body))
+        pose, nobody = self._pose(), np.zeros((1, 1), np.uint8)
+        View(self.drone, self.stamp_ns, camera, pose, nobody)  # refuses a wrong pose now
+        if mask is not None:
+            mask.over(nobody, camera.width, camera.height)
+        return Frame(self.drone, self.stamp_ns, camera, pose, PixelSources(image=lambda: body), mask=mask)
 
 
 def first_problem(error: ValidationError) -> str:

@@ -9,6 +9,7 @@ import logging
 import shutil
 import sqlite3
 import time
+from collections.abc import Iterable
 from threading import Event, Thread
 
 import numpy as np
@@ -93,7 +94,7 @@ class Watch:
         self._flood()
         self._doubles()
         self._poses()
-        self._alignment()
+        self._unused_options()
         self._detector()
         self._same_answer()
         self._unlike_pictures()
@@ -239,22 +240,27 @@ class Watch:
         apart = len(set(frames.values()))
         self._set(apart > 1, "pose_frames", "warning", text, measure=float(apart))
 
-    def _alignment(self) -> None:
-        """Offsets for a drone that does not come: misspelled, they leave the poses of another as they are."""
+    def _unused_options(self) -> None:
+        """Offsets and masks for a drone that does not come: misspelled, they leave another as it is."""
         live, now_ns = self._service.live, self._service.now_ns()
-        if live is None or not live.poses.aligned:
+        if live is None or not (live.poses.aligned or live.masks):
             return
         drones = {*self._service.mission.drones, *live.heard.last_view_ns, *live.poses.feeds}
         if drones != self._met[0]:
             self._met = drones, now_ns
         fleet_is_there = bool(drones) and now_ns - self._met[1] >= _FLEET_IS_THERE_S * _SECOND_NS
-        for drone in live.poses.aligned:
-            text = (
-                f"--alignment names {drone}, of which no view was taken; there are "
-                f"{', '.join(sorted(drones))}: under a misspelled name poses stay as wrong as they are"
-            )
-            if drone in drones or fleet_is_there:
-                self._set(drone not in drones, "alignment_unused", "warning", text, drone=drone)
+        unused: tuple[tuple[AlertKind, str, Iterable[str], str], ...] = (
+            ("alignment_unused", "--alignment", live.poses.aligned, "poses stay as wrong as they are"),
+            ("mask_unused", "--camera-mask", live.masks, "ground behind a drone's own parts is called empty"),
+        )
+        for kind, option, named, consequence in unused:
+            for drone in named:
+                text = (
+                    f"{option} names {drone}, of which no view was taken; there are "
+                    f"{', '.join(sorted(drones))}: under a misspelled name {consequence}"
+                )
+                if drone in drones or fleet_is_there:
+                    self._set(drone not in drones, kind, "warning", text, drone=drone)
 
     def _detector(self) -> None:
         live = self._service.live

@@ -8,6 +8,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
+from numpy.typing import ArrayLike
+
 from crowdfence.errors import FrameError
 from crowdfence.georeference import Georeference
 from crowdfence.sources.place_camera import Limits
@@ -54,6 +56,7 @@ def open_recording(
     alignment: str | PathLike[str] | None = None,
     pose_noise: Literal["estimate"] | tuple[float, float] | None = None,
     without: Sequence[str] = (),
+    camera_masks: Mapping[str, str | PathLike[str] | ArrayLike] | None = None,
     **options: Any,
 ) -> Recording:
     """Open a recording, whatever it is, or several as one fleet:
@@ -74,7 +77,9 @@ def open_recording(
     first pose, so heights are moved by what the map says there. `alignment`: a file of `crowdfence align`
     with what the poses are off. `pose_noise`: each telemetry row is off by itself by so many metres and
     degrees (standard deviation an axis), or by what the rows themselves show; such errors are smoothed away.
-    `without`: drones that are left out, because they saw nothing.
+    `without`: drones that are left out, because they saw nothing. `camera_masks`: by drone, where its
+    pictures show no ground but parts of itself, or writing: a picture file (black hides, white shows) or a
+    bool array [h, w] of the proportions of its pictures, True where nothing can be seen.
     `options` are those of the kind:
     `airsim.reader.AirSimOptions`, `ros_bag.reader.BagOptions`, `film.reader.FilmOptions`,
     `photographs.reader.PhotographOptions`, `multi_camera.reader.MultiCameraOptions`.
@@ -95,6 +100,8 @@ def open_recording(
         recording = from_the_ground(recording)
     if alignment is not None:
         recording = _aligned(recording, alignment)
+    if camera_masks:
+        recording = _masked(recording, camera_masks)
     return without_drones(recording, without) if without else recording
 
 
@@ -281,6 +288,12 @@ def _aligned(recording: Recording, alignment: str | PathLike[str]) -> Recording:
     require_same_poses(alignment, recording)
     doubt = doubt_of(alignment, recording)
     return righted if doubt is None else replace(righted, warnings=(*righted.warnings, doubt))
+
+
+def _masked(recording: Recording, given: Mapping[str, str | PathLike[str] | ArrayLike]) -> Recording:
+    from crowdfence.sources.masked_drones import camera_masks, with_camera_masks
+
+    return with_camera_masks(recording, camera_masks(given))
 
 
 def _steadied(recording: Recording, noise: Literal["estimate"] | tuple[float, float] | None) -> Recording:

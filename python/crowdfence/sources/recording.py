@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from crowdfence._core import Camera, View
 from crowdfence.errors import FrameError
 from crowdfence.georeference import Georeference
+from crowdfence.sources.camera_mask import CameraMask
 from crowdfence.sources.layers import CROWD, LayerGround, LayerPixels
 from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.recorded_truth import CameraPose, FrameTruth, PeopleLog, RecordedPeople
@@ -78,6 +79,8 @@ class Frame:
     """Rigid transform [4, 4], camera axes (OpenCV) -> local ENU metres."""
     pixels: PixelSources = field(default_factory=PixelSources, repr=False)
     truth: FrameTruth = field(default_factory=FrameTruth, repr=False)
+    mask: CameraMask | None = field(default=None, repr=False)
+    """Where the picture shows no ground."""
 
     def __repr__(self) -> str:
         east, north, up = self.world_from_camera[:3, 3]
@@ -133,16 +136,34 @@ class Frame:
         return self._read("people", self.truth.people)
 
     def view(self, heatmap: Pixels | None = None) -> View:
-        """The frame for the core, with the recorded heatmap or the one given (a detector's).
+        """The frame for the core, with the recorded heatmap or the one given (a detector's), without what
+        the mask hides.
 
         FrameError when the heatmap cannot be read or the core refuses it (shape, range, NaN).
         """
         if heatmap is None:
             heatmap = self.heatmap()
+        heatmap = self.masked(heatmap)
         try:
             return View(self.drone, self.stamp_ns, self.camera, self.world_from_camera, heatmap)
         except ValueError as error:
             raise self._error(str(error)) from error
+
+    def masked(self, heatmap: Pixels) -> Pixels:
+        """A heatmap of this frame with the cells masked that its mask hides. FrameError for a mask of other
+        proportions than the picture."""
+        if self.mask is None:
+            return heatmap
+        try:
+            return self.mask.over(heatmap, self.camera.width, self.camera.height)
+        except ValueError as error:
+            raise self._error(str(error)) from error
+
+    def is_whole(self, view: View) -> bool:
+        """Whether a view of this frame leaves out nothing but what the mask hides."""
+        if view.looked_at is None or self.mask is None:
+            return view.looked_at is None
+        return np.array_equal(~view.looked_at, self.mask.cells(*view.looked_at.shape))
 
     def _read(self, what: str, read: Callable[[], PixelsT] | None) -> PixelsT:
         if read is None:

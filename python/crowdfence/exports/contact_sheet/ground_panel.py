@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,7 +34,10 @@ def footprints(frames: Sequence[Frame], terrain: Terrain | None) -> list[NDArray
     """Outlines [M, 2] of the ground that the frames show."""
     if terrain is None:
         return [np.empty((0, 2)) for _ in frames]
-    return [ground_footprint(frame.view(_NO_HEATMAP), terrain, FOOTPRINT_RANGE_M) for frame in frames]
+    return [
+        ground_footprint(replace(frame, mask=None).view(_NO_HEATMAP), terrain, FOOTPRINT_RANGE_M)
+        for frame in frames
+    ]
 
 
 def panel_extent(

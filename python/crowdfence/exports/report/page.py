@@ -181,6 +181,7 @@ def _parameters(summary: Mapping[str, Any]) -> dict[str, str]:
         f"{terrain['seen_voxels']:,} of them seen",
         "heatmaps": model,
         "poses": _poses(summary),
+        **_masks(summary),
         "method": summary["method"],
         "threshold": f"{summary['threshold']:.4g}",
         "smallest zone": f"{summary['min_area_m2']:g} m²",
@@ -202,6 +203,12 @@ def _poses(summary: Mapping[str, Any]) -> str:
     for drone, noise in sorted((summary["pose_noise"] or {}).items()):
         done.append(f"{drone} smoothed by {noise['position_m']:.2g} m and {noise['attitude_deg']:.2g} deg")
     return "; ".join(done) or "as recorded"
+
+
+def _masks(summary: Mapping[str, Any]) -> dict[str, str]:
+    hidden = summary.get("hidden_by_camera_mask", {})
+    told = "; ".join(f"{share:.1%} of those of {drone}" for drone, share in hidden.items())
+    return {"pictures": f"a camera mask hides {told}"} if told else {}
 
 
 def _rows(facts: Mapping[str, str]) -> str:
