@@ -141,7 +141,9 @@ def test_numbers_of_numpy_reach_the_files_as_those_of_python() -> None:
     for part in parts(of_numpy)[1:]:
         assert not any(isinstance(getattr(part, field.name), np.generic) for field in fields(part))
     place = Georeference(np.float32(46.5), np.float32(8.0), np.int64(1200))
-    assert json.dumps(asdict(place)) == '{"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200}'
+    assert json.dumps(asdict(place)) == (
+        '{"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200, "of_map": false}'
+    )
 
 
 def parts(config: RunConfig) -> tuple[Any, ...]:

@@ -46,8 +46,12 @@ def as_stamps(stamps_ns: ArrayLike, count: int) -> NDArray[np.int64]:
     require_unmasked(stamps_ns, "stamps")
     given = np.asarray(stamps_ns)
     if given.dtype.kind == "M":
-        in_ns = given.astype("datetime64[ns]")
-        is_same = in_ns.astype(given.dtype) == given  # beyond the year 2262 numpy begins anew
+        # Beyond the year 2262 numpy begins anew, and from 2.5 on raises.
+        try:
+            in_ns = given.astype("datetime64[ns]")
+        except OverflowError as error:
+            raise ValueError(f"{_IS_STAMP}, got {given.max()}") from error
+        is_same = in_ns.astype(given.dtype) == given
         if not is_same.all():
             raise ValueError(f"{_IS_STAMP}, got {given[~is_same].flat[0]}")
         given = in_ns.astype(np.int64)
