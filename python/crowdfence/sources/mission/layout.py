@@ -48,7 +48,8 @@ a conversion had to leave out), `crowdfence.warnings` (what was doubtful about t
 converted), and of a simulated mission `crowdfence.simulation` (scenario, seed and
 renderer, first of all) and `crowdfence.statistics` (what came out, last of all). The last four hold JSON.
 
-A map may lie inside as an attachment (`attached_map`), before the first message.
+A map may lie inside as an attachment (`attached_map`), before the first message, behind those of the files
+that lay beside it and belong to it.
 
 Readers skip topics that they do not know, so everything that was added since version 1 began is of
 version 1 too.
