@@ -1,5 +1,6 @@
 """A map that goes into a mission file is the same map wherever that is opened."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,10 @@ from rasterio.transform import from_origin
 
 from crowdfence import open_recording, open_terrain
 from crowdfence.sources.convert import convert
+from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.mission.writer import MissionWriter
+from support.command_line import crowdfence
+from support.foreign_recordings import write_dem, write_photographs
 from support.small_recordings import ORIGIN, flight, write_folder
 
 SIDE, WEST, NORTH = 40, 423_160.0, 5_150_180.0
@@ -133,3 +137,71 @@ def test_a_file_beside_the_map_leads_to_no_other(tmp_path: Path) -> None:
         hostile = open_recording(tmp_path / "hostile.mcap")
         assert hostile.terrain is None
         assert any(f"{beside}, beside the map, names further files" in line for line in hostile.warnings)
+
+
+def test_a_map_is_read_as_it_was_when_heights_were_settled_on_it(tmp_path: Path) -> None:
+    """Heights above the take-off were put on a map that counts from the sea, which a run then lifted by the
+    geoid's 48 m: cameras stood so much too low above it."""
+    photographs = write_photographs(tmp_path / "photographs")
+    dem = write_dem(tmp_path / "dem.tif")
+    with rasterio.open(dem, "r+") as file:
+        file.write(file.read(1) - 48.0, 1)
+    flown = open_recording(photographs)
+    lifted = open_terrain(flown, dem, height_offset_m=48.0)
+    settled = on_ground(flown, lifted)
+    copy, again = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    done = crowdfence("convert", photographs, "-t", dem, "--terrain-option", "height_offset_m=48", "-o", copy)
+    assert done.returncode == 0 and "height_offset_m=48" in done.stdout, done.stderr
+    assert crowdfence("convert", copy, "-o", again).returncode == 0
+    dem.unlink()
+    for path in (copy, again):
+        found = open_recording(path)
+        for one, other in zip(found.frames, settled.frames, strict=True):
+            assert np.array_equal(one.world_from_camera, other.world_from_camera)
+        assert open_terrain(found).fingerprint == lifted.fingerprint
+        assert open_terrain(found, height_offset_m=48.0).fingerprint == lifted.fingerprint
+        assert open_terrain(found, height_offset_m=0.0).fingerprint != lifted.fingerprint
+        done = crowdfence("inspect", path, "--quick", "--json")
+        assert json.loads(done.stdout)["terrain"]["read_with"] == {"height_offset_m": 48}
+
+
+def test_a_map_that_needs_an_option_can_go_with_heights_above_the_take_off(tmp_path: Path) -> None:
+    """`convert` said to pass crs, and took no such option."""
+    photographs = write_photographs(tmp_path / "photographs")
+    dem = write_dem(tmp_path / "dem.tif")
+    flown = open_recording(photographs)
+    known = open_terrain(flown, dem)
+    with rasterio.open(dem) as file:
+        heights, at = file.read(1), file.transform
+    height, width = heights.shape
+    with rasterio.open(
+        dem, "w", driver="GTiff", width=width, height=height, count=1, dtype="float32", transform=at
+    ) as file:
+        file.write(heights, 1)
+    command = ("convert", photographs, "-t", dem, "-o", tmp_path / "a.mcap")
+    assert crowdfence(*command).returncode == 1
+    done = crowdfence(*command, "--terrain-option", "crs=EPSG:32632")
+    assert done.returncode == 0, done.stderr
+    assert open_terrain(open_recording(tmp_path / "a.mcap")).fingerprint == known.fingerprint
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("heigth_offset_m=48", "has no option 'heigth_offset_m'"),
+        ("height_offset_m=high", "height_offset_m is 'high'; it must be a number"),
+        ("assume_local=true", "--assume-local is no option of a map that goes with a recording"),
+    ],
+)
+def test_options_that_no_run_could_use_are_refused_at_once(tmp_path: Path, option: str, said: str) -> None:
+    flown = write_folder(tmp_path / "flight", flight(frames=1))
+    dem = write_tif(tmp_path / "dem.tif", hills())
+    done = crowdfence("convert", flown, "-t", dem, "--terrain-option", option, "-o", tmp_path / "a.mcap")
+    assert done.returncode == 1 and said in done.stderr
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_options_of_no_map_are_refused(tmp_path: Path) -> None:
+    flown = write_folder(tmp_path / "flight", flight(frames=1))
+    done = crowdfence("convert", flown, "--terrain-option", "up=y", "-o", tmp_path / "a.mcap")
+    assert done.returncode == 1 and "there is none; give one with --terrain" in done.stderr

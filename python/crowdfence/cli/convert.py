@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -45,6 +45,7 @@ def convert(
         Path | None,
         typer.Option("--terrain", "-t", help="Map to put into the file. Default: the recording's own."),
     ] = None,
+    terrain_option: options.TerrainOption = None,
     with_map: Annotated[
         bool,
         typer.Option(
@@ -62,13 +63,16 @@ def convert(
         raise ValueError(f"{output}: convert writes mission files, whose name ends in .mcap")
     if terrain is not None:
         stated_place(terrain)  # a map, before anything is read
+    map_options = options.terrain_options(pairs=terrain_option)
     with replaceable_file(output, force=force, reads=[*recording, terrain]):
         source = source_options.open_source(recording, context.params)
         beside = () if results is None else _results(results, source)
         lacking = None if results is None else _heatmaps_told(results, source)
         doubts: tuple[str, ...] = ()
+        if map_options:
+            _check_options(terrain or source.terrain, map_options)
         if terrain is not None:
-            source, doubts = _on_map(source, terrain)
+            source, doubts = _on_map(source, terrain, map_options)
         with console.progress("converting", len(source.frames), "frames") as advance:
             try:
                 conversion = write_mission(
@@ -77,6 +81,7 @@ def convert(
                     beside=beside,
                     depth_images=depth_images or results is not None,
                     terrain=terrain,
+                    terrain_options=map_options,
                     map_inside=with_map,
                     progress=lambda done, total: advance(),
                 )
@@ -112,6 +117,7 @@ def convert(
                 "frames": frames,
                 "poses": str(conversion.poses),
                 "map": _map_told(conversion.map_inside, with_map),
+                **({"read with": ", ".join(terrain_option)} if terrain_option else {}),
             },
         )
     )
@@ -163,16 +169,35 @@ def _map_told(inside: str | None, wanted: bool) -> str:
     return "none: give one with --terrain when you run" if wanted else "not in the file"
 
 
-def _on_map(source: Recording, terrain: Path) -> tuple[Recording, tuple[str, ...]]:
+def _check_options(path: Path | None, map_options: dict[str, Any]) -> None:
+    """ValueError for options that no later reader could use; before heights are settled, or nothing is."""
+    from crowdfence.maps import check_options
+
+    if path is None:
+        raise ValueError(
+            "--terrain-option says how to read a map, and there is none; give one with --terrain"
+        )
+    if not_of_a_map := {"assume_local", "georeference"} & map_options.keys():
+        raise ValueError(f"{path}: {min(not_of_a_map)} is no option of a map that goes with a recording")
+    try:
+        check_options(path, **map_options)
+    except TypeError as error:
+        raise ValueError(str(error)) from error
+
+
+def _on_map(
+    source: Recording, terrain: Path, map_options: dict[str, Any]
+) -> tuple[Recording, tuple[str, ...]]:
     """With heights that waited for the map, and what is doubtful about that. That nobody knows where the map
     lies goes with the file, in which it will have come with the recording."""
     from crowdfence.pipeline import read_map
     from crowdfence.pipeline.terrain import place_doubts
     from crowdfence.sources.ground_contact import on_ground
 
-    known = replace(source, warnings=(*source.warnings, *place_doubts(terrain, source)))
+    of_place = () if "origin" in map_options else place_doubts(terrain, source)
+    known = replace(source, warnings=(*source.warnings, *of_place))
     if not source.ground_contacts:
         return known, ()
-    ground = read_map(source, terrain)
+    ground = read_map(source, terrain, **map_options)
     doubts = tuple(doubt for doubt in ground.doubts if doubt not in known.warnings)
     return on_ground(known, ground.terrain), doubts

@@ -210,7 +210,8 @@ def _terrain(below: TerrainBelow | None) -> str:
     report = below.report
     holes = "" if below.holes is None else f", holes: {below.holes}"
     size = f"{report.voxels:,} voxels of {report.voxel_size_m:g} m"
-    return f"{below.path} ({whose}), {size}{holes}{unmeasured_ground(report)}"
+    said = "".join(f", read with {name}={value}" for name, value in below.read_with.items())
+    return f"{below.path} ({whose}){said}, {size}{holes}{unmeasured_ground(report)}"
 
 
 def unmeasured_ground(report: TerrainReport) -> str:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -91,6 +91,8 @@ class TerrainBelow:
     """Why it cannot be used."""
     holes: MapHoles | None = None
     """None for a map that is no height model."""
+    read_with: Mapping[str, Any] = field(default_factory=dict)
+    """Options that the recording says its map is to be read with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,6 +217,7 @@ def _open_terrain(
 ) -> tuple[Terrain | None, TerrainBelow | None, tuple[str, ...]]:
     """The map, what it is, and what is doubtful about it."""
     from crowdfence.pipeline import check_overlap, read_map
+    from crowdfence.pipeline.terrain import came_along
 
     path = chosen or recording.terrain
     if path is None:
@@ -233,7 +236,8 @@ def _open_terrain(
     except ValueError as error:
         # Not fatal here: the figures show what is wrong (heights, frames beside the terrain).
         problem = str(error)
-    below = TerrainBelow(str(path), given, TerrainReport.of(terrain), problem, reading.holes)
+    said = recording.terrain_options if came_along(path, recording) else {}
+    below = TerrainBelow(str(path), given, TerrainReport.of(terrain), problem, reading.holes, said)
     return terrain, below, reading.doubts
 
 

@@ -26,7 +26,16 @@ if TYPE_CHECKING:
     from crowdfence._core import Terrain
     from crowdfence.georeference import Georeference
 
-__all__ = ["MapError", "MapHoles", "MapReading", "open_terrain", "read_map", "stated_place", "told"]
+__all__ = [
+    "MapError",
+    "MapHoles",
+    "MapReading",
+    "check_options",
+    "open_terrain",
+    "read_map",
+    "stated_place",
+    "told",
+]
 
 SUFFIXES = (".bt", ".ot", ".tif", ".tiff", ".las", ".laz", ".ply", ".obj")
 
@@ -84,14 +93,22 @@ def read_map(
     the kind of file does not have.
     """
     path = Path(path)
-    suffix = _suffix(path)
-    reader = _reader(suffix)
+    reader = check_options(path, voxel_size_m=voxel_size_m, **options)
+    with _naming(path):
+        return reader(path, voxel_size_m=voxel_size_m, georeference=georeference, **options)
+
+
+def check_options(
+    path: Path, *, voxel_size_m: float | None = None, **options: Any
+) -> Callable[..., MapReading]:
+    """What reads such a map, of which nothing but the name is looked at. Errors are those of `read_map`."""
+    reader = _reader(_suffix(path))
     _require_options(path, reader, options)
     _require_numbers(path, reader, {"voxel_size_m": voxel_size_m, **options})
     _require_origin(path, options.get("origin"))
     with _naming(path):
         require_voxel_size(voxel_size_m)
-        return reader(path, voxel_size_m=voxel_size_m, georeference=georeference, **options)
+    return reader
 
 
 def _require_options(path: Path, reader: Callable[..., MapReading], options: Mapping[str, Any]) -> None:

@@ -81,6 +81,9 @@ def read_map(
     chosen = path or recording.terrain
     if chosen is None:
         raise ValueError(f"{recording.name} comes without a map; give one with --terrain")
+    if came_along(Path(chosen), recording):
+        # Its heights may have been settled on the map as it was read then.
+        options = {**recording.terrain_options, **options}
     anchor = _anchor(recording, georeference)
     reading = _related(Path(chosen), f"the recording {recording.name}", anchor, assume_local, options)
     doubts = () if "origin" in options else place_doubts(Path(chosen), recording)
@@ -142,13 +145,17 @@ def _require_relation(who: str, path: Path, anchor: Georeference | None, assume_
         )
 
 
+def came_along(path: Path, recording: Recording) -> bool:
+    """Whether the map is the one that came with the recording."""
+    return recording.terrain is not None and path.resolve() == recording.terrain.resolve()
+
+
 def place_doubts(path: Path, recording: Recording) -> tuple[str, ...]:
     """One sentence where a map in a frame that nobody placed is put below a recording that is on Earth. The
     anchor of most is their first position, which no map of others counts from; the map that came with a
     recording does."""
     at = recording.georeference
-    came_along = recording.terrain is not None and path.resolve() == recording.terrain.resolve()
-    if at is None or came_along or stated_place(path) != "local":
+    if at is None or came_along(path, recording) or stated_place(path) != "local":
         return ()
     return (
         f"{path.name} does not say where on Earth it lies: its (0, 0, 0) is taken to be that of the "

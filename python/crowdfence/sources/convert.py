@@ -1,6 +1,6 @@
 """Any recording -> a mission file with the same frames, poses and pixels."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from heapq import merge
 from operator import itemgetter
@@ -56,6 +56,7 @@ def convert(
     beside: Iterable[TopicMessage] = (),
     depth_images: bool = False,
     terrain: Path | None = None,
+    terrain_options: Mapping[str, Any] | None = None,
     map_inside: bool = True,
     progress: Progress | None = None,
 ) -> Conversion:
@@ -65,7 +66,7 @@ def convert(
     `source` says where the file comes from, instead of the recording's kind and name. `beside` are messages
     of others for the same file, in the order of their stamps. `depth_images`: depth as viewers draw it. The
     map goes into the file, the recording's own or `terrain` instead; without `map_inside` the file names the
-    place of the map.
+    place of the map. `terrain_options` say how it is to be read, and go with it.
 
     The camera poses are stored as the recording holds them, so the file gives the same views bit for bit.
     Pictures keep their bytes (other kinds than JPEG and PNG become PNG). OSError when the file cannot be
@@ -78,6 +79,7 @@ def convert(
         Path(path), dict.fromkeys(recording.drones, 0), _pose_count(recording), refused, []
     )
     done = 0
+    options = {**({} if terrain else recording.terrain_options), **(terrain_options or {})}
     terrain = terrain or recording.terrain
     if terrain is not None and not map_inside and is_copy(terrain):
         conversion.omitted.append("the map inside the recording, which has no place of its own")
@@ -87,6 +89,7 @@ def convert(
         georeference=recording.georeference,
         terrain=terrain,
         map_inside=map_inside,
+        terrain_options=options,
         source=_source(recording) if source is None else source,
         depth_images=depth_images,
     ) as writer:

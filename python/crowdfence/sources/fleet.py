@@ -27,6 +27,7 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                 f"{one.name} and {first.name} have local frames of their own ({_place(one.georeference)}, "
                 f"{_place(first.georeference)}): only recordings of one frame make a fleet"
             )
+    with_map = next((one for one in recordings if one.terrain is not None), first)
     return replace(
         first,
         name="+".join(one.name for one in recordings),
@@ -34,7 +35,8 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         frames=tuple(
             sorted((frame for one in recordings for frame in one.frames), key=lambda f: (f.stamp_ns, f.drone))
         ),
-        terrain=next((one.terrain for one in recordings if one.terrain is not None), None),
+        terrain=with_map.terrain,
+        terrain_options=with_map.terrain_options,
         refused=tuple(refusal for one in recordings for refusal in one.refused),
         warnings=tuple(warning for one in recordings for warning in one.warnings),
         manifest=_manifest(recordings),

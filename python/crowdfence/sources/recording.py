@@ -303,6 +303,8 @@ class Recording:
     """Longest time between two instants that its clocks are believed to tell."""
     layer_grounds: Mapping[str, LayerGround] = field(default_factory=dict, repr=False)
     """Where in the world other classes are, by the name of the layer, where a simulator recorded it."""
+    terrain_options: Mapping[str, Any] = field(default_factory=dict)
+    """How the map that came with it was read when heights were settled on it, as `open_terrain` takes it."""
 
     def __repr__(self) -> str:
         first, last = self.span_ns or (0, 0)

@@ -41,7 +41,8 @@ A frame that arrives late or out of order keeps its stamp in the header; its log
 CameraInfo counts pixels as ROS and OpenCV do, the centre of the first one at (0, 0), ours is at (0.5, 0.5).
 Its cx and cy are ours minus a half; the subtraction is exact for cx, cy >= 0.5.
 
-Metadata records: `crowdfence` (format version, georeference, terrain, source), `crowdfence.drone` (one per
+Metadata records: `crowdfence` (format version, georeference, terrain, how that is read as
+`terrain_options` in JSON, source), `crowdfence.drone` (one per
 drone: its name and its topic prefix, written before its first message, and `pose_gap_s` where its frames
 lie between poses further apart than readers bridge of themselves), `crowdfence.refused` (frames that
 a conversion had to leave out), `crowdfence.warnings` (what was doubtful about the recording that was

@@ -18,6 +18,7 @@ from mcap.records import Metadata
 from numpy.typing import NDArray
 
 from crowdfence._core import Camera
+from crowdfence.errors import quoted
 from crowdfence.georeference import Georeference
 from crowdfence.sources.interrupted_simulation import interrupted_line
 from crowdfence.sources.layers import LayerGround, LayerPixels
@@ -294,6 +295,7 @@ def _recording(mcap: McapFile, content: _Content, limits: Limits) -> Recording:
         pose_tracks=tracks,
         people=_people_log(mcap, content.people),
         layer_grounds=grounds,
+        terrain_options=_terrain_options(description, warnings),
     )
 
 
@@ -379,6 +381,17 @@ def _georeference(description: dict[str, str], warnings: list[str]) -> Georefere
     except ValueError as error:
         warnings.append(f"the georeference in the file cannot be used: {error}")
         return None
+
+
+def _terrain_options(description: dict[str, str], warnings: list[str]) -> dict[str, Any]:
+    try:
+        options = json.loads(description.get("terrain_options", "{}"))
+        if not isinstance(options, dict):
+            raise ValueError(f"it must be an object, got {quoted(options)}")
+    except (ValueError, RecursionError) as error:
+        warnings.append(f"how the map of the file is to be read is damaged: {error}")
+        return {}
+    return options
 
 
 def _terrain(path: Path, description: dict[str, str], warnings: list[str]) -> Path | None:

@@ -69,12 +69,16 @@ class MissionWriter(TopicWriter):
         source: str = "",
         depth_images: bool = False,
         map_inside: bool = False,
+        terrain_options: Mapping[str, Any] | None = None,
     ) -> None:
         """`terrain` is a map file to suggest to readers, kept as a path relative to the mission file, or with
-        `map_inside` in it (ValueError for one that is too large); `depth_images`: depth as images that
-        viewers draw, where PNG would be a third of the bytes."""
+        `map_inside` in it (ValueError for one that is too large), and `terrain_options` how it is to be read;
+        `depth_images`: depth as images that viewers draw, where PNG would be a third of the bytes."""
         inside = map_inside and terrain is not None
         description = _description(Path(path), georeference, None if inside else terrain, source)
+        if terrain is not None and terrain_options:
+            # Of what is no plain value, a reference system of pyproj, the name says the same.
+            description["terrain_options"] = json.dumps(dict(terrain_options), default=str)
         super().__init__(path)
         self._depth_images = depth_images
         self._prefixes: dict[str, str] = {}
