@@ -313,6 +313,19 @@ def test_cameras_below_the_ground_are_told(recording: Path, tmp_path: Path) -> N
     assert any("the camera is below the map's ground in 18 of 23 frames" in line for line in told), told
 
 
+@pytest.mark.parametrize(("size_m", "coarse"), [(2.0, False), (4.0, True)])
+def test_a_map_too_coarse_for_people_is_told_below_a_recording(
+    recording: Path, tmp_path: Path, size_m: float, coarse: bool
+) -> None:
+    """A run said it, after the flight had been found in order."""
+    side = np.arange(-58.0, 60.0, size_m)
+    east, north = (grid.ravel() for grid in np.meshgrid(side, side))
+    level = np.stack([east, north, np.full(east.shape, GROUND_M)], axis=-1)
+    terrain = write_octomap(tmp_path / "plain.bt", Terrain.from_points(level, size_m))
+    told = report(recording, "--terrain", terrain, "--quick")["warnings"]
+    assert any("voxels of 4 m are coarse for people" in line for line in told) is coarse, told
+
+
 def test_a_map_somewhere_else_is_reported(recording: Path) -> None:
     terrain = write_octomap(recording.parent / "away.bt", Terrain.from_points([[5000.5, 0.5, 0.5]], 1.0))
     content = report(recording, "--terrain", terrain)

@@ -21,6 +21,7 @@ from crowdfence.inspection.timing import InstantSummary, Timing
 from crowdfence.inspection.view_overlap import ViewOverlap, evenly_spread, measure_overlap
 from crowdfence.iso_time import iso_utc
 from crowdfence.maps import MapHoles
+from crowdfence.maps.voxel_size import coarse_voxels_warning
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.recording import Frame, Recording, RefusedFrame
 
@@ -250,8 +251,10 @@ def _what_a_run_doubts(recording: Recording, terrain: Terrain | None) -> Iterato
         check_clocks(recording)
     except StampError as error:
         yield str(error)
-    if terrain is not None and (below := under_ground_line(terrain, recording.frames)) is not None:
-        yield below
+    if terrain is None:
+        return
+    of_map = coarse_voxels_warning(terrain.voxel_size_m), under_ground_line(terrain, recording.frames)
+    yield from (doubt for doubt in of_map if doubt is not None)
 
 
 def _drone(
