@@ -7,8 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from crowdfence.georeference import Georeference
 from crowdfence.sources.pose_offset import alignments_of
+from crowdfence.sources.recorded_truth import PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Recording
 
 
@@ -28,6 +31,8 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                 f"{_place(first.georeference)}): only recordings of one frame make a fleet"
             )
     with_map = next((one for one in recordings if one.terrain is not None), first)
+    people = _people(recordings)
+    doubts = [told for told in (people.unreadable, _frame_doubt(recordings)) if told]
     return replace(
         first,
         name="+".join(one.name for one in recordings),
@@ -38,14 +43,59 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         terrain=with_map.terrain,
         terrain_options=with_map.terrain_options,
         refused=tuple(refusal for one in recordings for refusal in one.refused),
-        warnings=tuple(warning for one in recordings for warning in one.warnings),
+        warnings=tuple(dict.fromkeys([*(said for one in recordings for said in one.warnings), *doubts])),
         manifest=_manifest(recordings),
         pose_tracks={drone: track for one in recordings for drone, track in one.tracks().items()},
         ground_contacts={
             drone: contact for one in recordings for drone, contact in one.ground_contacts.items()
         },
         longest_gap_s=max(one.longest_gap_s for one in recordings),
+        people=people,
+        layer_grounds={
+            layer: ground for one in reversed(recordings) for layer, ground in one.layer_grounds.items()
+        },
     )
+
+
+def _frame_doubt(recordings: Sequence[Recording]) -> str:
+    """Why what one of the recordings saw may lie elsewhere beside another; empty where they have a place."""
+    if recordings[0].georeference is not None:
+        return ""
+    return (
+        f"{', '.join(one.name for one in recordings)} do not say where on Earth their (0, 0, 0) lies: it is "
+        "taken to be one; where each counts from a place of its own, as its take-off, what one drone sees is "
+        "put far from what another sees there: record the place in each, or count all from one point"
+    )
+
+
+def _people(recordings: Sequence[Recording]) -> PeopleLog:
+    """Everybody in the world, whichever of the recordings tells of them."""
+    logs = [(one.name, one.people) for one in recordings if len(one.people.stamps_ns)]
+    if not logs:
+        return PeopleLog(unreadable="; ".join(filter(None, (one.people.unreadable for one in recordings))))
+    told: dict[int, tuple[str, PeopleLog]] = {}
+    for name, log in logs:
+        both = next((int(stamp_ns) for stamp_ns in log.stamps_ns if int(stamp_ns) in told), None)
+        if both is not None and not _same_people(log, told[both][1], both):
+            return PeopleLog(
+                unreadable=f"{name} and {told[both][0]} tell of different people at one time, {both}: they "
+                "are of two worlds"
+            )
+        told = {int(stamp_ns): (name, log) for stamp_ns in log.stamps_ns} | told
+    return PeopleLog(sorted(told), lambda stamp_ns: _read(told[stamp_ns][1], stamp_ns))
+
+
+def _same_people(log: PeopleLog, other: PeopleLog, stamp_ns: int) -> bool:
+    try:
+        one, two = _read(log, stamp_ns), _read(other, stamp_ns)
+    except ValueError:  # said where it is read
+        return True
+    return np.array_equal(one.position, two.position) and np.array_equal(one.crowd, two.crowd)
+
+
+def _read(log: PeopleLog, stamp_ns: int) -> RecordedPeople:
+    assert log.read is not None
+    return log.read(stamp_ns)
 
 
 def _manifest(recordings: Sequence[Recording]) -> dict[str, Any]:
@@ -57,6 +107,9 @@ def _manifest(recordings: Sequence[Recording]) -> dict[str, Any]:
         for drone in one.drones
         if (offsets := alignments_of(one.manifest, drone))
     }
+    simulations = [one.manifest.get("simulation") for one in recordings]
+    if simulations[0] is not None and all(one == simulations[0] for one in simulations):
+        manifest["simulation"] = simulations[0]  # one mission in parts
     return {**manifest, "alignment": righted} if righted else manifest
 
 
