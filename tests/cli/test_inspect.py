@@ -345,6 +345,35 @@ def test_damaged_pixels_are_found_when_asked_for(tmp_path: Path) -> None:
     assert content["frames"] == 23  # the frame is usable until its pixels are wanted
 
 
+def test_pictures_that_show_nothing_are_found_when_asked_for(tmp_path: Path) -> None:
+    """A run refuses them, after every pixel had been read and found in order."""
+    folder = write_flight(tmp_path / "flight")
+    (folder / "images").mkdir()
+    for heatmap in sorted((folder / "heatmaps").iterdir()):
+        drone, seed = heatmap.stem.split("_")[0], int(heatmap.stem[-9:])
+        pixels = np.random.default_rng(seed).integers(0, 256, (SIDE_PX, SIDE_PX, 3), np.uint8)
+        if drone == "bravo":
+            pixels[:] = 7
+        Image.fromarray(pixels).save(folder / "images" / heatmap.name)
+    (trouble,) = report(folder, "--quick", "--check-pixels")["damaged"]
+    assert (trouble["count"], trouble["drones"]) == (5, ["bravo"])
+    assert "shows nothing but one tone (red 7, green 7, blue 7)" in trouble["first"]
+    said = inspect(folder, "--quick", "--check-pixels").stderr
+    assert "unusable 5 frames (bravo)" in " ".join(said.split())
+
+
+def test_heatmaps_in_the_wrong_units_are_found_when_asked_for(tmp_path: Path) -> None:
+    """Masks of 0 and 1, of which a run says that its crowds are probabilities of 0.4 %."""
+    folder = write_flight(tmp_path / "flight")
+    for heatmap in (folder / "heatmaps").glob("charlie_*.png"):
+        mask = np.zeros((5, 5), np.uint8)
+        mask[1:3, 1:4] = 1
+        Image.fromarray(mask).save(heatmap)
+    told = report(folder, "--quick", "--check-pixels")["warnings"]
+    (line,) = [line for line in told if "masks of 0 and 1" in line]
+    assert line.startswith("charlie: its 5 heatmaps") and "multiply them by 255" in line
+
+
 def test_airsim_and_its_mission_file_agree(tmp_path: Path) -> None:
     from crowdfence.sources import open_recording
     from crowdfence.sources.convert import convert

@@ -55,7 +55,8 @@ def inspect(
         bool, typer.Option("--quick", help="Leave out the landing prior and the overlap of views.")
     ] = False,
     check_pixels: Annotated[
-        bool, typer.Option("--check-pixels", help="Read the pixels of every frame to find damaged ones.")
+        bool,
+        typer.Option("--check-pixels", help="Read the pixels of every frame to find damaged and blank ones."),
     ] = False,
     picture: Annotated[
         Path | None,

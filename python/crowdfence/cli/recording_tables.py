@@ -37,7 +37,7 @@ def print_recording(out: Console, report: RecordingReport) -> None:
     for trouble in report.refused:
         console.warn(in_options(f"refused {_trouble(trouble)}"))
     for trouble in report.damaged or ():
-        console.warn(f"unreadable {_trouble(trouble)}")
+        console.warn(f"unusable {_trouble(trouble)}")
 
 
 def _facts(report: RecordingReport) -> RenderableType:
@@ -58,7 +58,7 @@ def _facts(report: RecordingReport) -> RenderableType:
         else f"{place.latitude_deg:.7f}, {place.longitude_deg:.7f} deg, {place.height_m:.1f} m (WGS84)",
         "terrain": _terrain(report.terrain),
         "refused": _total(report.refused),
-        "unreadable": "not looked for (--check-pixels)" if report.damaged is None else _total(report.damaged),
+        "unusable": "not looked for (--check-pixels)" if report.damaged is None else _total(report.damaged),
     }
     if not report.instants.offsets:
         del rows["offsets"]

@@ -20,7 +20,8 @@ class InspectionOptions:
     quick: bool = False
     """Leave out what takes seconds: the landing prior of a map, the overlap of views."""
     check_pixels: bool = False
-    """Read the heatmap, image and truth of every frame; what cannot be read is reported as damaged."""
+    """Read the heatmap, image and truth of every frame; what cannot be read, or shows nothing, is reported
+    as damaged, and heatmaps in the wrong units as doubtful."""
     terrain_options: Mapping[str, Any] = field(default_factory=dict)
     """Options of the map's reader, see `crowdfence.maps.open_terrain`."""
     source_options: Mapping[str, Any] = field(default_factory=dict)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crowdfence._core import Terrain
+from crowdfence._core import Terrain, View
 from crowdfence.errors import FrameError, StampError
 from crowdfence.georeference import Georeference
 from crowdfence.inspection.camera import CameraReport, distinct_cameras
@@ -132,6 +133,7 @@ def inspect_recording(
     cannot be read or be read as `terrain_options` say. A map that the recording itself names may be
     unreadable; the report says so then.
     """
+    from crowdfence.pipeline.heatmap_units import HeatmapUnits
     from crowdfence.sources import open_recording
 
     tell(f"reading {path.name}")
@@ -140,7 +142,11 @@ def inspect_recording(
     if terrain is not None:
         recording = on_ground(recording, terrain)
     instants = list(recording.instants(options.tolerance_ms))
-    damaged = group_trouble(check_pixels(recording.frames, tell)) if options.check_pixels else None
+    damaged, of_pixels = None, list[str]()
+    if options.check_pixels:
+        units = HeatmapUnits()
+        damaged = group_trouble(check_pixels(recording.frames, tell, units.look))
+        of_pixels = units.warnings
     overlap = None
     if terrain is not None and not options.quick:
         overlap = measure_overlap(
@@ -151,7 +157,7 @@ def inspect_recording(
             samples=options.sampled_instants,
             tell=tell,
         )
-    doubts = (*doubts, *_what_a_run_doubts(recording, terrain))
+    doubts = (*doubts, *_what_a_run_doubts(recording, terrain), *of_pixels)
     told = options.terrain_options.get("georeference")
     tell("measuring flights")
     span = recording.span_ns
@@ -175,16 +181,21 @@ def inspect_recording(
     )
 
 
-def check_pixels(frames: Sequence[Frame], tell: Tell = lambda stage: None) -> list[RefusedFrame]:
-    """Read everything that the frames hold; one entry for each thing that cannot be used."""
+def check_pixels(
+    frames: Sequence[Frame],
+    tell: Tell = lambda stage: None,
+    look: Callable[[View], object] = lambda view: None,
+) -> list[RefusedFrame]:
+    """Read everything that the frames hold; one entry for each thing that cannot be used, also for a picture
+    that shows nothing. `look` is given the views of recorded heatmaps."""
     damaged = []
     for number, frame in enumerate(frames, start=1):
         if number % 10 == 1:
             tell(f"reading pixels of frame {number}/{len(frames)}")
         pixels = frame.pixels
         readers: list[tuple[object, Callable[[], object]]] = [
-            (pixels.heatmap, frame.view),
-            (pixels.image, frame.image),
+            (pixels.heatmap, partial(_looked_at, frame, look)),
+            (pixels.image, partial(_shown, frame)),
             (pixels.regions, frame.regions),
             (pixels.silhouettes, frame.silhouettes),
             (pixels.depth_m, frame.depth_m),
@@ -200,6 +211,18 @@ def check_pixels(frames: Sequence[Frame], tell: Tell = lambda stage: None) -> li
             except FrameError as error:
                 damaged.append(RefusedFrame(frame.drone, frame.stamp_ns, error.reason))
     return damaged
+
+
+def _looked_at(frame: Frame, look: Callable[[View], object]) -> None:
+    look(frame.view())
+
+
+def _shown(frame: Frame) -> None:
+    """FrameError for a picture that detectors are not shown."""
+    from crowdfence.detector.blank_picture import blank_reason
+
+    if (reason := blank_reason(frame.image())) is not None:
+        raise FrameError(frame.drone, frame.stamp_ns, reason)
 
 
 def group_trouble(refused: Iterable[RefusedFrame]) -> list[Trouble]:
