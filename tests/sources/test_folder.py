@@ -7,11 +7,13 @@ import pytest
 from PIL import Image
 
 from crowdfence.cli.wording import in_options
+from crowdfence.georeference import Georeference
 from crowdfence.sources import FrameError, RefusedFrame, open_recording
 from crowdfence.sources.convert import convert
 from support.small_recordings import (
     EPOCH_NS,
     HEIGHT,
+    ORIGIN,
     WIDTH,
     camera_enu,
     flight,
@@ -49,6 +51,26 @@ def test_what_is_in_it(recorded):
         np.testing.assert_allclose(
             frame.world_from_camera, camera_enu(frame.drone, frame.stamp_ns), atol=1e-3
         )
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_positions_in_degrees_are_refused(recorded, swapped):
+    """As metres all of them are one point: every picture of the flight was put there, without a word."""
+    path = recorded / "poses.csv"
+    header, *rows = path.read_text().splitlines()
+    place = Georeference(*ORIGIN)
+    lines = [header]
+    for row in rows:
+        drone, stamp, x, y, z, *turn = row.split(",")
+        if drone == "uav3":
+            latitude, longitude, _ = place.geodetic_from_local([[float(x), float(y), float(z)]])
+            x, y = (latitude[0], longitude[0]) if swapped else (longitude[0], latitude[0])
+        lines.append(",".join(map(str, [drone, stamp, x, y, z, *turn])))
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ValueError, match=r"poses\.csv: x [\d.]+ and y [\d.]+ of 'uav3' are degrees"):
+        open_recording(recorded)
+    edit_description(recorded, lambda told: told["georeference"].update(latitude_deg=-33.0))
+    assert len(open_recording(recorded).drones) == 3  # of another place they may be metres
 
 
 def test_the_same_flight_as_airsim_and_as_folder(recorded, tmp_path):

@@ -28,7 +28,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from crowdfence._core import Camera
+from crowdfence.georeference import Georeference
 from crowdfence.sources.csv_rows import integer, numbers, read_rows
 from crowdfence.sources.folder_description import (
     camera_of,
@@ -47,6 +50,10 @@ from crowdfence.sources.terrain_hint import find_terrain
 POSES_NAME = "poses.csv"
 DESCRIPTION_NAME = "recording.json"
 
+_FLOWN_DEG = 0.1
+"""11 km of latitude; as metres nobody flies within it but a drone that hovers at this very point."""
+_NEAR_NULL_DEG = 1.0
+"""Degrees are no longer told from metres near the origin there."""
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _FILE_NAME = re.compile(r"(?P<drone>.+)_(?P<stamp>[0-9]{1,20})\.(?P<suffix>png|npy|jpe?g)", re.ASCII)
 
@@ -55,6 +62,9 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
     """Open the folder that holds poses.csv. ValueError when the table or recording.json cannot be used."""
     tracks, warnings = _read_tracks(folder / POSES_NAME)
     description = read_description(folder / DESCRIPTION_NAME, warnings)
+    georeference = georeference_of(description, folder / DESCRIPTION_NAME)
+    if georeference is not None:
+        _require_metres(folder / POSES_NAME, tracks, georeference)
     heatmaps = _files_by_frame(folder / "heatmaps", ("png", "npy"), warnings)
     images = _files_by_frame(folder / "images", ("jpg", "jpeg", "png"), warnings)
     regions = _files_by_frame(folder / "truth" / "regions", ("png",), warnings)
@@ -81,7 +91,7 @@ def read_folder(folder: Path, limits: Limits) -> Recording:
         name=folder.resolve().name,
         drones=tuple(sorted(unplaced)),
         frames=frames,
-        georeference=georeference_of(description, folder / DESCRIPTION_NAME),
+        georeference=georeference,
         terrain=_terrain(folder, description, warnings),
         refused=tuple(refused),
         warnings=tuple(warnings),
@@ -112,6 +122,23 @@ def _read_tracks(path: Path) -> tuple[dict[str, PoseTrack], list[str]]:
         tracks[drone], remarks = track_from_rows(stamps[drone], positions, quaternions)
         warnings.extend(f"{drone}: {remark}" for remark in remarks)
     return tracks, warnings
+
+
+def _require_metres(path: Path, tracks: Mapping[str, PoseTrack], at: Georeference) -> None:
+    """ValueError for a drone whose x and y are longitude and latitude, in either order: as metres they are
+    one point, some metres from the origin, from which all of its pictures would be taken."""
+    place = np.array([at.longitude_deg, at.latitude_deg])
+    if np.abs(place).max() < _NEAR_NULL_DEG:
+        return
+    for drone, track in tracks.items():
+        xy = track.positions[:, :2]
+        if len(track) and any((np.abs(xy - order) < _FLOWN_DEG).all() for order in (place, place[::-1])):
+            x, y = xy[0]
+            raise ValueError(
+                f"{path}: x {x:.6f} and y {y:.6f} of {drone!r} are degrees, as all of its positions; x, y "
+                "and z are metres to the east, to the north and up from the georeference "
+                "(crowdfence.Georeference.local_from_geodetic makes them)"
+            )
 
 
 def _files_by_frame(
