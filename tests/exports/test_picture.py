@@ -187,6 +187,20 @@ def test_the_crop_keeps_every_crowd_cell_and_track() -> None:
     assert extent.south < 5 and extent.north > 196
 
 
+def test_the_crop_keeps_all_that_zones_of_crowd_close() -> None:
+    """What is held since nobody looks any more is no crowd cell; it stood in the list and not on the map."""
+    probability = np.full((400, 400), np.nan)
+    probability[100:200, 100:200] = 0.0
+    probability[390, 5] = 1.0
+    zones = find_zones(flat_crowd_map(probability), 0, threshold=0.5, min_area_m2=0.0)
+    grid = crowd_grid(np.where(probability == 1.0, 0.1, probability))  # crowd there is forgotten by now
+    assert interesting_extent(grid, []).east < 300
+    assert interesting_extent(grid, [], zones).east > 391
+    far = replace(zones[0], polygon=zones[0].polygon.buffer(80.0, join_style="mitre"))
+    extent = interesting_extent(grid, [], [far])
+    assert extent.east > 471 and extent.south < -75  # a line that lies beside the picture closes nothing
+
+
 def test_a_footprint_of_a_camera_that_looks_down() -> None:
     terrain = Terrain.from_height_map(np.zeros((100, 100)), 1.0, origin=(-50.0, -50.0, 0.0))
     camera = Camera.pinhole(200, 100, 100.0, 100.0, 100.0, 50.0)

@@ -18,7 +18,7 @@ from crowdfence.exports.picture.relief import Extent, shaded_ground
 from crowdfence.georeference import Georeference
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
-from crowdfence.zones import ZoneSet
+from crowdfence.zones import Zone, ZoneSet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +41,7 @@ def write_picture(
     georeference: Georeference | None = None,
     width_px: int = 1600,
 ) -> None:
-    """Write a PNG `width_px` wide, cropped to what was seen, flown and found.
+    """Write a PNG `width_px` wide, cropped to what was seen, flown, found and closed around crowds.
 
     Build the grid with a margin (`SurfaceGrid.from_crowd_map(..., margin_m=60)`), or the ground around what
     was seen stays blank. Raises ValueError for a width below 900 pixels, OSError when the file cannot be
@@ -76,7 +76,7 @@ def _compose(
     from matplotlib.figure import Figure
 
     map_width_px = width_px - _LEFT_PX - _LEGEND_PX - 2 * _GAP_PX
-    extent = interesting_extent(grid, tracks)
+    extent = interesting_extent(grid, tracks, zones)
     ground = shaded_ground(grid, description.threshold, extent, map_width_px)
     map_height_px = ground.image.shape[0]
     height_px = map_height_px + _TITLE_PX + _AXIS_PX
@@ -98,10 +98,12 @@ def _compose(
     return figure
 
 
-def interesting_extent(grid: SurfaceGrid, tracks: Sequence[DroneTrack]) -> Extent:
-    """Rectangle around most of the seen ground, every crowd cell and the tracks."""
+def interesting_extent(grid: SurfaceGrid, tracks: Sequence[DroneTrack], zones: Sequence[Zone] = ()) -> Extent:
+    """Rectangle around most of the seen ground, every crowd cell, the tracks and the zones given: those of
+    crowd close ground that holds no crowd cell, what is forgotten and safety distances."""
     corners = [_seen_corners(grid), *_crowd_corners(grid)]
     corners += [track.positions[:, :2] for track in tracks]
+    corners += [np.reshape(zone.polygon.bounds, (2, 2)) for zone in zones]
     points = np.concatenate(corners)
     low, high = points.min(axis=0), points.max(axis=0)
     margin = max(_MARGIN * float((high - low).max()), 2 * grid.cell_size_m)
