@@ -201,6 +201,19 @@ def test_the_crop_keeps_all_that_zones_of_crowd_close() -> None:
     assert extent.east > 471 and extent.south < -75  # a line that lies beside the picture closes nothing
 
 
+def test_a_zone_of_others_that_holds_the_whole_picture_is_told_beside_it() -> None:
+    """Its outline is beyond the rim, as of the zone of an airport: everything in it looked open."""
+    zones = crowd_zones(seen_square())
+    airport = Zone.of_no_look("CTR", shapely.box(-5_000, -5_000, 5_000, 5_000), "static", "given")
+    beside = Zone.of_no_look("HOSP", shapely.box(50, 50, 5_000, 70), "static", "given")
+    for static, told in (((airport, beside), True), ((beside,), False)):
+        axes = Figure(figsize=(4, 12), dpi=100).add_axes((0, 0, 1, 1))
+        shown = Extent(0.0, 0.0, 100.0, 100.0)
+        closed = replace(zones, static=static)
+        draw_legend(axes, crowd_grid(seen_square()), closed, DESCRIPTION, [], None, shown)
+        assert ("all of this is closed by CTR" in [text.get_text() for text in axes.texts]) == told
+
+
 def test_a_footprint_of_a_camera_that_looks_down() -> None:
     terrain = Terrain.from_height_map(np.zeros((100, 100)), 1.0, origin=(-50.0, -50.0, 0.0))
     camera = Camera.pinhole(200, 100, 100.0, 100.0, 100.0, 50.0)

@@ -89,7 +89,7 @@ def _compose(
     contour_step = draw_map(map_axes, ground, extent, zones, tracks)
     legend_left = width_px - _GAP_PX - _LEGEND_PX
     legend_axes = figure.add_axes(axes_px(legend_left, _AXIS_PX, _LEGEND_PX, map_height_px))
-    draw_legend(legend_axes, grid, zones, description, tracks, contour_step)
+    draw_legend(legend_axes, grid, zones, description, tracks, contour_step, extent)
     draw_origin(legend_axes, georeference)
     title_axes = figure.add_axes(
         axes_px(_LEFT_PX, _AXIS_PX + map_height_px, width_px - _LEFT_PX - _GAP_PX, _TITLE_PX)

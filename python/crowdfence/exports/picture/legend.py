@@ -12,17 +12,21 @@ from crowdfence.exports.drawn_name import drawn
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.picture.drone_track import DroneTrack
 from crowdfence.exports.picture.line_style import INK, MOST_LABELS, OTHERS_STYLE, ZONE_LINE, drone_line
+from crowdfence.exports.picture.relief import Extent
 from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
+from crowdfence.legible import first_of
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
-from crowdfence.zones import ZoneSet
+from crowdfence.zones import Zone, ZoneSet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _FAINT = "#6b7280"
 _MOST_DRONES = 8
+_MOST_AROUND = 1
+"""Zones that hold all of the picture, by name."""
 _STATE_TEXTS = {
     VoxelState.CROWD: "crowd",
     VoxelState.EMPTY: "seen, empty",
@@ -94,8 +98,9 @@ def draw_legend(
     description: MapDescription,
     tracks: Sequence[DroneTrack],
     contour_step_m: float | None,
+    extent: Extent | None = None,
 ) -> None:
-    """What the colours and lines mean, and the figures behind them."""
+    """What the colours and lines mean, and the figures behind them; `extent` is what the picture shows."""
     column = _Column(axes)
     column.y += 14
     _probability(column, description.threshold)
@@ -107,6 +112,7 @@ def draw_legend(
     if zones.static:
         others = "1 zone of others" if len(zones.static) == 1 else f"{len(zones.static)} zones of others"
         _line(column, others, color=ZONE_LINE, linewidth=1.2, linestyle=OTHERS_STYLE)
+        _around(column, zones.static, extent)
     _zones(column, zones, description)
 
 
@@ -164,6 +170,18 @@ def _drones(column: _Column, tracks: Sequence[DroneTrack]) -> None:
 def _line(column: _Column, text: str, **style: Any) -> None:
     column.axes.plot([0, 30], [column.y - 10] * 2, **style)
     column.row(text, indent=42)
+
+
+def _around(column: _Column, others: Sequence[Zone], extent: Extent | None) -> None:
+    """A zone that holds the whole picture, as one of an airport does, has no line in it."""
+    import shapely
+
+    if extent is None:
+        return
+    shown = shapely.box(extent.west, extent.south, extent.east, extent.north)
+    names = [drawn(zone.id) for zone in others if zone.polygon.covers(shown)]
+    if names:
+        column.row(f"all of this is closed by {first_of(names, _MOST_AROUND)}")
 
 
 def _path_length_m(track: DroneTrack) -> float:
