@@ -212,6 +212,30 @@ def test_a_hole_that_a_format_closes_is_told(tmp_path: Path, kind: str, country:
     assert f"16 m2 more than the zones are closed: in {kind}, holes of zones are closed" in done.output
 
 
+@pytest.mark.parametrize("is_over", [False, True])
+def test_zones_that_f3548_ends_before_anybody_opens_them_are_told(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_over: bool
+) -> None:
+    """Its constraints last a day: of a recording of last week no reader held any of them closed."""
+    a_day_on = START_NS + 24 * 3600 * SECOND_NS
+    monkeypatch.setattr("time.time_ns", lambda: a_day_on + (1 if is_over else -1))
+    arguments = ("export", run, "-f", "f3548", "--at", "first", "-o", tmp_path / "zones.json")
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    said = " ".join(done.output.split())
+    told = "ended in this file at" if is_over else "will be open from"
+    assert f"2 zones that stand longer {told} 2026-01-02T00:00:00" in said
+    report = json.loads(command(*arguments, "--force", "--json"))
+    assert (report["cut_short"], report["cut_short_ns"]) == (2, a_day_on)
+    # A forecast that ends them within the day is what the file says, too.
+    whole = ZoneHistory.read(run / "zone_history.jsonl")
+    ends = tuple(replace(zone, valid_until_ns=a_day_on) for zone in whole.sets[0])
+    replace(whole, sets=[replace(whole.sets[0], zones=ends), *whole.sets[1:]]).write(
+        run / "zone_history.jsonl"
+    )
+    done = CliRunner().invoke(app, [*map(str, arguments), "--force"])
+    assert done.exit_code == 0 and "stand" not in done.output
+
+
 def test_a_plan_that_exists_leaves_less_room(run: Path, tmp_path: Path) -> None:
     full = tmp_path / "full.plan"
     arguments = ("export", run, "-f", "qgc", "--at", "first", "--json")

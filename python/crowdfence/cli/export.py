@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
@@ -245,11 +246,15 @@ def _zone_export(history: ZoneHistory, stamp_ns: int, **how: Any) -> ZoneExport:
 
 def _text(kind: ExportFormat, zones: ZoneExport, plan: Path | None, report: dict[str, Any]) -> str:
     from crowdfence.exports.zone_formats import ZONE_FORMATS, qgc_plan
+    from crowdfence.exports.zone_formats.f3548 import cut_short_ns
     from crowdfence.exports.zone_formats.over_coverage import WITHOUT_HOLES, over_coverage_m2
     from crowdfence.exports.zone_formats.qgc_plan import fence_of
 
     if kind.value in WITHOUT_HOLES:
         report["over_coverage_m2"] = over_coverage_m2(kind.value, zones)
+    if kind is ExportFormat.f3548:
+        ends_ns = cut_short_ns(zones)
+        report |= {"cut_short": len(ends_ns), "cut_short_ns": min(ends_ns, default=None)}
     if kind is not ExportFormat.qgc:
         return ZONE_FORMATS[kind.value](zones)
     existing = None if plan is None else _read_plan(plan)
@@ -296,6 +301,8 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         console.warn(
             f"{over} more than the zones are closed: in {report['format']}, {WITHOUT_HOLES[report['format']]}"
         )
+    if report.get("cut_short"):
+        console.warn(_cut_short(report))
     if report["dropped_area_m2"] and not report["dropped_is_closed"]:
         dropped = square_metres(report["dropped_area_m2"])
         console.warn(f"{dropped} of crowd are in no zone: below min_area_m2 of the run")
@@ -304,3 +311,15 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         console.warn(f"the raster ends near what was seen; not all of {names} lies within it")
     for reason in report["left_out"]:
         console.warn(reason)
+
+
+def _cut_short(report: dict[str, Any]) -> str:
+    """Nobody has opened a zone that only its file ends."""
+    from crowdfence.iso_time import iso_utc
+
+    count, end_ns = report["cut_short"], report["cut_short_ns"]
+    zones = f"{counted(count, 'zone')} that stand{'s' if count == 1 else ''} longer"
+    told = f"f3548 closes for a day at most: {zones}"
+    if end_ns > time.time_ns():
+        return f"{told} will be open from {iso_utc(end_ns)} on; publish anew before"
+    return f"{told} ended in this file at {iso_utc(end_ns)}: who reads it now takes that ground for open"

@@ -111,11 +111,21 @@ def _corners(part: Polygon) -> int:
     return len(part.exterior.coords) - 1
 
 
-def _times(zone: Zone, start_ns: int) -> tuple[dict[str, str], dict[str, str]]:
+def cut_short_ns(export: ZoneExport) -> list[int]:
+    """When those zones end in the file that stand longer: they are open then to whoever reads it."""
+    ends_ns = [(zone, _between_ns(zone, export.start_ns(zone))[1]) for zone in export.zones]
+    return [end_ns for zone, end_ns in ends_ns if zone.valid_until_ns is None or zone.valid_until_ns > end_ns]
+
+
+def _between_ns(zone: Zone, start_ns: int) -> tuple[int, int]:
     start_ns = floor_ms(start_ns)  # as it is written: of a later one a day ends a millisecond late
     last_ns = start_ns + MAX_DURATION_NS
     end_ns = last_ns if zone.valid_until_ns is None else zone.valid_until_ns
-    end_ns = min(max(end_ns, start_ns + LEAST_DURATION_NS), last_ns)
+    return start_ns, min(max(end_ns, start_ns + LEAST_DURATION_NS), last_ns)
+
+
+def _times(zone: Zone, start_ns: int) -> tuple[dict[str, str], dict[str, str]]:
+    start_ns, end_ns = _between_ns(zone, start_ns)
     return (
         {"value": rfc3339(start_ns), "format": "RFC3339"},
         {"value": rfc3339(end_ns, up=True), "format": "RFC3339"},
