@@ -7,7 +7,7 @@ import { byUrgency, isOpen, marks, subjectOf, withAlert } from "../src/state/ale
 import { pauseOf } from "../src/state/pace";
 import { thinned } from "../src/state/thinning";
 import type { Drone } from "../src/api/contract";
-import { agedDrones, behind_s, now_ms, older_s, silence_s } from "../src/state/time";
+import { agedDrones, behind_s, closedAt, now_ms, older_s, silence_s, sinceFirst } from "../src/state/time";
 
 describe("links", () => {
   it("lead back to where they were made", () => {
@@ -54,6 +54,22 @@ describe("a long time line", () => {
     }
     expect(points[0]).toBe(0);
     expect(points.slice(-10)).toEqual([990, 991, 992, 993, 994, 995, 996, 997, 998, 999]);
+  });
+});
+
+describe("a moment that a long time line steps over", () => {
+  const point = (stamp_ns: string, closed_m2: number) => ({ stamp_ns, stamp_ms: Number(stamp_ns) / 1e6, seen_m2: 0, crowd_m2: 0, closed_m2, zones: 0 });
+  const points = [point("1767225600000000000", 0), point("1767225614000000000", 500)];
+
+  it("is asked for by its own stamp: at the point before it what happened then had not happened yet", () => {
+    expect(sinceFirst(points, "1767225605000000001")).toBe("1767225605000000001");
+    expect(sinceFirst(points, "900000000000000000")).toBe("1767225600000000000");
+    expect(sinceFirst([], "900000000000000000")).toBe("900000000000000000");
+  });
+
+  it("has no figure rather than that of another", () => {
+    expect(closedAt(points, "1767225614000000000")).toBe(500);
+    expect(closedAt(points, "1767225605000000001")).toBeNull();
   });
 });
 
@@ -111,7 +127,7 @@ describe("now", () => {
 
 describe("alerts", () => {
   const alert = (id: string, level: AlertLevel, over: boolean, seen: boolean): Alert => ({
-    ...{ id, level, kind: "drone_near_zone", text: id, drone: "uav1", zone: "Z1", raised_ms: 1 },
+    ...{ id, level, kind: "drone_near_zone", text: id, drone: "uav1", zone: "Z1", raised_ns: "1000000", raised_ms: 1 },
     ...{ cleared_ms: over ? 2 : null, acknowledged_by: seen ? "ana" : null, acknowledged_ms: seen ? 3 : null },
   });
 

@@ -150,6 +150,7 @@ export interface Alert {
   text: string;
   drone: string | null;
   zone: string | null;
+  raised_ns: string;
   raised_ms: number;
   cleared_ms: number | null;
   acknowledged_by: string | null;

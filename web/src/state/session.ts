@@ -12,7 +12,7 @@ import { keepSettings, readSettings } from "./settings";
 import { StaticZones } from "./static_zones";
 import { store, type Selection, type Time } from "./store";
 import { thinned } from "./thinning";
-import { agedDrones, older_s } from "./time";
+import { agedDrones, closedAt, older_s, sinceFirst } from "./time";
 import { unchanged } from "./unchanged";
 
 const BELIEF_EVERY_MS = 500;
@@ -330,7 +330,7 @@ export async function showPast(stamp_ns: string): Promise<void> {
       if (store.state.time.following) break;
       const arrived = performance.now();
       store.set({
-        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones: kept(zones), drones, lag_s: null, silent_s: null, closed_m2: closedAt(zones.stamp_ms), arrived },
+        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones: kept(zones), drones, lag_s: null, silent_s: null, closed_m2: closedAt(store.state.timeline.points, zones.stamp_ns), arrived },
         belief: parseBelief(belief),
         belief_arrived: arrived,
       });
@@ -351,9 +351,10 @@ function stayAtShown(): void {
   else setTime({ playing: false, stamp_ns: moment.stamp_ns, stamp_ms: moment.stamp_ms });
 }
 
-function closedAt(stamp_ms: number): number | null {
-  const { points } = store.state.timeline;
-  return points.length ? points[indexAt(points, stamp_ms + 0.5)].closed_m2 : null;
+/** The moment at which something happened. */
+export function showWhen(stamp_ns: string): void {
+  setTime({ playing: false });
+  void showPast(sinceFirst(store.state.timeline.points, stamp_ns));
 }
 
 function setTime(change: Partial<Time>): void {

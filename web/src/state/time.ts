@@ -1,6 +1,7 @@
 // What time it is for what is shown, and what time does to it while the service says nothing.
 
-import type { Drone } from "../api/contract";
+import type { Drone, TimelinePoint } from "../api/contract";
+import { compareStamps } from "../text/stamp";
 import type { State } from "./store";
 
 /** Without a view for longer, the page is not live. */
@@ -47,4 +48,15 @@ export function agedDrones(state: State): Drone[] | null {
   const isSilent = ({ status, age_s }: Drone) => status === "ok" && age_s !== null && age_s + passed_s > scene.silent_after_s;
   if (!moment.drones.some(isSilent)) return null;
   return moment.drones.map((drone) => (isSilent(drone) ? { ...drone, status: "stale" } : drone));
+}
+
+/** A stamp as it can be asked for: nothing is known before the first point. The points of a long mission are seconds
+ * apart, and what happened at a stamp had not happened yet at the point before it. */
+export function sinceFirst(points: readonly TimelinePoint[], stamp_ns: string): string {
+  return points.length && compareStamps(stamp_ns, points[0].stamp_ns) < 0 ? points[0].stamp_ns : stamp_ns;
+}
+
+/** What was closed at a moment; null where the time line steps over it: the figure of another one is not its own. */
+export function closedAt(points: readonly TimelinePoint[], stamp_ns: string): number | null {
+  return points.findLast((point) => point.stamp_ns === stamp_ns)?.closed_m2 ?? null;
 }

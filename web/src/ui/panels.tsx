@@ -4,7 +4,7 @@ import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import * as api from "../api/client";
 import type { Alert, AuditEntry } from "../api/contract";
 import { byUrgency, isOpen, subjectOf } from "../state/alerts";
-import { acknowledge, notify, reasonOf, seek, select, settle } from "../state/session";
+import { acknowledge, notify, reasonOf, select, settle, showWhen } from "../state/session";
 import { store, useStore } from "../state/store";
 import { dateOf, dayAndTime, timeOfDay, withTimes } from "../text/stamp";
 import { exportCommand, FORMATS } from "../text/exports";
@@ -87,7 +87,7 @@ function AlertRow({ alert, now }: { alert: Alert; now: number }) {
       <div>
         <p>{withTimes(alert.text, clock, now)}</p>
         <small>
-          <button class="link" onClick={() => seek(alert.raised_ms)} title="Show this moment">
+          <button class="link" onClick={() => showWhen(alert.raised_ns)} title="Show this moment">
             {dayAndTime(alert.raised_ms, clock, now)}
           </button>
           {alert.cleared_ms !== null && ` · over at ${dayAndTime(alert.cleared_ms, clock, now)}`}
