@@ -30,3 +30,24 @@ def test_what_was_closed_in_the_past_is_shown_as_closed(console: Console, server
     drawn = [zone["id"] for zone in server.ask("/zones")["zones"] if zone["kind"] == "operator"]
     assert len(drawn) == 1 and console.state("selection") == {"kind": "zone", "id": drawn[0]}
     console.page.locator(f'[data-zone="{drawn[0]}"]').wait_for()
+
+
+def test_ground_is_closed_to_all_flight_unless_the_operator_says_otherwise_of_this_very_ground(
+    console: Console, server: Server
+) -> None:
+    """The choice for the ground before stood there still: the next was closed to sustained flight alone."""
+    page = console.page
+    for number, restriction in enumerate(["no_sustained_flight", None]):
+        page.keyboard.press("d")
+        for k, (x, y) in enumerate([(400, 320), (520, 320), (520, 420)]):
+            page.mouse.click(x, y + 40 * number)
+            console.wait("drawing", lambda drawing, k=k: len(drawing) == k + 1)
+        page.keyboard.press("Enter")
+        if restriction is not None:
+            page.locator("dialog select").select_option(restriction)
+        page.locator("dialog textarea").fill(f"number {number}")
+        page.locator("dialog").get_by_role("button", name="Close").click()
+        console.find("why").get_by_text(f"number {number}").wait_for()
+    zones = server.ask("/zones")["zones"]
+    told = {zone["operator"]["reason"]: zone["restriction"] for zone in zones if zone["kind"] == "operator"}
+    assert (told["number 0"], told["number 1"]) == ("no_sustained_flight", "prohibited")

@@ -24,6 +24,7 @@ interface Question {
 let ask: (question: Question | null) => void = () => {};
 
 export const LEAST_REASON = 3;
+const STRICTEST = "prohibited";
 
 export async function askForZone(corners: Corner[]): Promise<void> {
   const size = area(ringArea(corners), store.state.units);
@@ -97,13 +98,14 @@ export function askAboutDrone({ drone, left_out }: Drone): void {
 export function ReasonDialog() {
   const [question, setQuestion] = useState<Question | null>(null);
   const [reason, setReason] = useState("");
-  const [restriction, setRestriction] = useState("prohibited");
+  const [restriction, setRestriction] = useState(STRICTEST);
   const [refusal, setRefusal] = useState("");
   const [sent, setSent] = useState(false);
   const dialog = useRef<HTMLDialogElement>(null);
   const user = useStore((state) => state.scene?.user ?? "");
   ask = (next) => {
     setReason("");
+    setRestriction(STRICTEST); // what was chosen for other ground says nothing of this
     setRefusal("");
     setSent(false);
     setQuestion(next);
@@ -133,7 +135,7 @@ export function ReasonDialog() {
           <label>
             Restriction
             <select value={restriction} onChange={(event) => setRestriction(event.currentTarget.value)}>
-              <option value="prohibited">no flight at all</option>
+              <option value={STRICTEST}>no flight at all</option>
               <option value="no_sustained_flight">no sustained flight</option>
             </select>
           </label>
