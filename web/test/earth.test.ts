@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { geodetic, mercator } from "../src/map/earth";
+import { ellipsoidalHeight, geodetic, mercator } from "../src/map/earth";
 
 const MILLIMETRE_DEG = 1e-8;
 
@@ -14,6 +14,17 @@ describe("places on Earth", () => {
     const found = geodetic(east, north, up, { latitude_deg, longitude_deg, height_m });
     expect(Math.abs(found[0] - latitude)).toBeLessThan(MILLIMETRE_DEG);
     expect(Math.abs(found[1] - longitude)).toBeLessThan(MILLIMETRE_DEG);
+  });
+
+  // PROJ's cart, from the axes by hand: of the anchor's height and `up` alone they were 2 to 8 m too low.
+  it.each([
+    [46.5, 8, 1200, 0, 0, 30, 1230],
+    [46.5, 8, 1200, 3000, 4000, 120, 1321.95995],
+    [46.5, 8, 1200, -6000, 8000, 120, 1327.83979],
+    [-33, 151, 0, 10_000, 0, 0, 7.83149],
+    [88.5, 0, 0, 500, 9000, 50, 56.34805],
+  ])("are as high above the ellipsoid as PROJ has it", (latitude_deg, longitude_deg, height_m, east, north, up, wanted_m) => {
+    expect(ellipsoidalHeight(east, north, up, { latitude_deg, longitude_deg, height_m })).toBeCloseTo(wanted_m, 3);
   });
 
   it("lie in the square of web maps", () => {

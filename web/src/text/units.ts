@@ -1,7 +1,7 @@
 // Lengths, areas and places as text. Metres inside, always; feet only here.
 
-import type { Anchor } from "../api/contract";
-import { geodetic } from "../map/earth";
+import type { Anchor, Place } from "../api/contract";
+import { ellipsoidalHeight, geodetic } from "../map/earth";
 
 export type Units = "metres" | "feet";
 
@@ -55,4 +55,9 @@ export function degrees(latitude: number, longitude: number): string {
 export function place(east: number, north: number, anchor: Anchor | null, units: Units): string {
   if (anchor) return degrees(...geodetic(east, north, 0, anchor));
   return `E ${length(east, units)}  N ${length(north, units)}`;
+}
+
+/** How high it is: above the ellipsoid with an anchor, local metres without. */
+export function height([east, north, up]: Place, anchor: Anchor | null, units: Units): string {
+  return length(anchor ? ellipsoidalHeight(east, north, up, anchor) : up, units);
 }

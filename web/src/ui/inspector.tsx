@@ -11,7 +11,7 @@ import { standingOf } from "../state/standing";
 import { store, useStore } from "../state/store";
 import { closureOf } from "../text/closure";
 import { ago, dateOf, dayAndTime, duration } from "../text/stamp";
-import { area, grouped, heights, length, place, probability } from "../text/units";
+import { area, grouped, height, heights, length, place, probability } from "../text/units";
 import { EVENT_WORDS, KIND_WORDS, openWords, STANDING_WORDS, STATE_MEANING, STATE_WORDS } from "../text/words";
 import { CameraPicture } from "./camera_strip";
 import { Icon } from "./icons";
@@ -320,7 +320,7 @@ function DroneCard({ drone, id }: { drone: Drone | null; id: string }) {
         <div>
           <dt>{drone.position && heights && !Number.isFinite(over) ? "no map below" : "above ground"}</dt>
           <dd>{Number.isFinite(over) ? length(over, units) : "–"}</dd>
-          <small>{drone.position && scene?.anchor ? `${length(scene.anchor.height_m + drone.position[2], units)} ellipsoid` : " "}</small>
+          <small>{drone.position && scene?.anchor ? `${height(drone.position, scene.anchor, units)} ellipsoid` : " "}</small>
         </div>
         <div>
           <dt>newest view</dt>
@@ -406,7 +406,7 @@ function GroundCard({ east, north }: { east: number; north: number }) {
         <Fact name="local">
           E {length(east, units, 1)}, N {length(north, units, 1)}
         </Fact>
-        {Number.isFinite(up) && <Fact name="height">{length((scene?.anchor?.height_m ?? 0) + up, units)}{scene?.anchor ? " ellipsoid" : ""}</Fact>}
+        {Number.isFinite(up) && <Fact name="height">{height([east, north, up], scene?.anchor ?? null, units)}{scene?.anchor ? " ellipsoid" : ""}</Fact>}
       </dl>
     </div>
   );

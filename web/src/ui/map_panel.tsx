@@ -13,7 +13,7 @@ import { store, useStore, type State } from "../state/store";
 import { older_s, staleAfter_s } from "../state/time";
 import { closureOf } from "../text/closure";
 import { duration } from "../text/stamp";
-import { area, length, place, probability } from "../text/units";
+import { area, height, place, probability } from "../text/units";
 import { STATE_WORDS } from "../text/words";
 import { Icon, type IconName } from "./icons";
 import { useTold } from "./now";
@@ -257,7 +257,7 @@ function PointedAt({ pointed }: { pointed: Pointed | null }) {
   const scene = useStore((state) => state.scene);
   const heights = useStore((state) => state.heights);
   if (!pointed || !scene || !heights) return <div class="pointed" />;
-  const [east, north, up] = pointed.place;
+  const [east, north] = pointed.place;
   if (Number.isNaN(heights.at(east, north))) return <div class="pointed">no ground in the map</div>;
   const ground = groundAt(east, north);
   return (
@@ -266,7 +266,7 @@ function PointedAt({ pointed }: { pointed: Pointed | null }) {
       {ground?.probability !== null && ground && <span>P {probability(ground.probability)}</span>}
       {ground && ground.age_s !== null && <span>{duration(ground.age_s)} ago</span>}
       <span>{place(east, north, scene.anchor, units)}</span>
-      <span>{length((scene.anchor?.height_m ?? 0) + up, units)}</span>
+      <span>{height(pointed.place, scene.anchor, units)}</span>
     </div>
   );
 }
