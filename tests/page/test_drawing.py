@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
+from playwright.sync_api import Route
 
 from support.live_field import give_views, live_field
 from support.map_page import Console, Server
@@ -51,3 +52,37 @@ def test_ground_is_closed_to_all_flight_unless_the_operator_says_otherwise_of_th
     zones = server.ask("/zones")["zones"]
     told = {zone["operator"]["reason"]: zone["restriction"] for zone in zones if zone["kind"] == "operator"}
     assert (told["number 0"], told["number 1"]) == ("no_sustained_flight", "prohibited")
+
+
+def test_what_is_cancelled_after_it_was_sent_is_told_and_closes_no_other_question(
+    console: Console, server: Server
+) -> None:
+    """The service did it, seconds later, and its answer shut the dialog that stood there by then."""
+    page = console.page
+    held: list[Route] = []
+    page.route("**/api/v1/zones", lambda route: route.continue_() if held else held.append(route))
+    _draw_at(console, 300)
+    page.locator("dialog textarea").fill("first")
+    page.locator("dialog").get_by_role("button", name="Close").click()
+    while not held:
+        page.wait_for_timeout(50)
+    page.locator("dialog").get_by_role("button", name="Cancel").click()
+    page.get_by_text("Close this ground: it was sent already, and may still be done.").wait_for()
+    _draw_at(console, 420)
+    page.locator("dialog textarea").fill("second")
+    held[0].continue_()
+    page.get_by_text("is closed.").wait_for()
+    assert page.locator("dialog textarea").input_value() == "second"
+    page.locator("dialog").get_by_role("button", name="Close").click()
+    console.find("why").get_by_text("second").wait_for()
+    reasons = [zone["operator"]["reason"] for zone in server.ask("/zones")["zones"] if zone["operator"]]
+    assert {"first", "second"} <= set(reasons)
+
+
+def _draw_at(console: Console, top: int) -> None:
+    """A triangle, and the question that it ends in."""
+    console.page.keyboard.press("d")
+    for k, (x, y) in enumerate([(420, top), (500, top), (500, top + 60)]):
+        console.page.mouse.click(x, y)
+        console.wait("drawing", lambda drawing, k=k: len(drawing) == k + 1)
+    console.page.keyboard.press("Enter")

@@ -102,6 +102,7 @@ export function ReasonDialog() {
   const [refusal, setRefusal] = useState("");
   const [sent, setSent] = useState(false);
   const dialog = useRef<HTMLDialogElement>(null);
+  const asked = useRef<Question | null>(null);
   const user = useStore((state) => state.scene?.user ?? "");
   ask = (next) => {
     setReason("");
@@ -113,8 +114,16 @@ export function ReasonDialog() {
   useEffect(() => {
     if (question) dialog.current?.showModal();
   }, [question]);
+  asked.current = question;
   if (!question) return null;
-  const close = () => setQuestion(null);
+  /** On a slow line the next question may stand there when this one is answered. */
+  const isAsked = () => asked.current === question;
+  const close = () => isAsked() && setQuestion(null);
+  const cancel = () => {
+    // What is on its way is not held back by closing this.
+    if (sent) notify(`${question.title}: it was sent already, and may still be done.`, "error");
+    close();
+  };
   const submit = (event: Event) => {
     event.preventDefault();
     setSent(true);
@@ -122,12 +131,13 @@ export function ReasonDialog() {
       .answer(reason.trim(), restriction)
       .then(close)
       .catch((error) => {
+        if (!isAsked()) return notify(`${question.title}: ${reasonOf(error)}`, "error");
         setRefusal(reasonOf(error));
         setSent(false);
       });
   };
   return (
-    <dialog ref={dialog} class="dialog" onClose={close} data-test="reason-dialog">
+    <dialog ref={dialog} class="dialog" onClose={cancel} data-test="reason-dialog">
       <form onSubmit={submit}>
         <h2>{question.title}</h2>
         <p>{question.text}</p>
@@ -149,7 +159,7 @@ export function ReasonDialog() {
         </p>
         {refusal && <p class="refusal">{refusal}</p>}
         <footer>
-          <button type="button" onClick={close}>
+          <button type="button" onClick={cancel}>
             Cancel
           </button>
           <button type="submit" class={question.danger ? "danger" : "primary"} disabled={sent || reason.trim().length < LEAST_REASON}>
