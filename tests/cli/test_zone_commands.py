@@ -212,6 +212,24 @@ def test_a_hole_that_a_format_closes_is_told(tmp_path: Path, kind: str, country:
     assert f"16 m2 more than the zones are closed: in {kind}, holes of zones are closed" in done.output
 
 
+@pytest.mark.parametrize("kind", ["ed318", "ed269", "ed269-list", "f3548", "kml", "csv", "geojson", "qgc"])
+def test_zones_that_begin_only_later_for_who_reads_them_are_told(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """A film's subtitles show local time, taken for UTC: two hours east of Greenwich a flight of just now
+    closed its crowds two hours later."""
+    country = ("--country", "GRC") if kind.startswith("ed") else ()
+    arguments = ("export", run, "-f", kind, *country, "--at", "first", "-o", tmp_path / "zones", "--force")
+    for now_ns, told in ((START_NS - 7200 * SECOND_NS, True), (START_NS, False)):
+        monkeypatch.setattr("time.time_ns", lambda now_ns=now_ns: now_ns)
+        done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+        said = " ".join(done.output.split())
+        assert done.exit_code == 0
+        assert ("the zones begin 7,200 s from now" in said) == (told and kind not in ("geojson", "qgc"))
+        report = json.loads(command(*arguments, "--json"))
+        assert report.get("begins_in_s", 0.0) == (7200.0 if told and kind not in ("geojson", "qgc") else 0.0)
+
+
 @pytest.mark.parametrize("is_over", [False, True])
 def test_zones_that_f3548_ends_before_anybody_opens_them_are_told(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_over: bool

@@ -71,6 +71,8 @@ At = Annotated[
 
 
 _AUTHORITIES = ("ed318", "ed269", "ed269-list")
+_WITH_TIMES = (*_AUTHORITIES, "f3548", "kml", "csv")
+"""Formats that say from when on a zone holds."""
 _USES = {
     "country": _AUTHORITIES,
     "authority": (*_AUTHORITIES, "f3548"),
@@ -252,6 +254,8 @@ def _text(kind: ExportFormat, zones: ZoneExport, plan: Path | None, report: dict
 
     if kind.value in WITHOUT_HOLES:
         report["over_coverage_m2"] = over_coverage_m2(kind.value, zones)
+    if kind.value in _WITH_TIMES:
+        report["begins_in_s"] = max(0.0, (zones.stamp_ns - time.time_ns()) / 1e9)
     if kind is ExportFormat.f3548:
         ends_ns = cut_short_ns(zones)
         report |= {"cut_short": len(ends_ns), "cut_short_ns": min(ends_ns, default=None)}
@@ -300,6 +304,12 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         over = square_metres(report["over_coverage_m2"])
         console.warn(
             f"{over} more than the zones are closed: in {report['format']}, {WITHOUT_HOLES[report['format']]}"
+        )
+    if report.get("begins_in_s") and report["zones"]:
+        begin = f"{report['begins_in_s']:,.0f} s from now, at {iso_utc(report['stamp_ns'])}"
+        console.warn(
+            f"the zones begin {begin}: readers of {report['format']} take their ground for open until then. "
+            "The recording's clock is ahead, as one that shows local time may be"
         )
     if report.get("cut_short"):
         console.warn(_cut_short(report))
