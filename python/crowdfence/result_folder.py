@@ -187,7 +187,8 @@ def _told_ns(text: str, first_ns: int) -> int:
     if text.lstrip("-").isdigit():
         return int(text)
     # Whole seconds apart: datetime knows no nanoseconds.
-    parts = re.fullmatch(r"(.*?)(?:\.(\d+))?(Z|[+-]\d\d:?\d\d)?", text, re.DOTALL)
+    # ISO 8601 has either sign before the fraction.
+    parts = re.fullmatch(r"(.*?)(?:[.,](\d+))?(Z|[+-]\d\d:?\d\d)?", text, re.DOTALL)
     assert parts is not None
     whole, digits, offset = parts.groups(default="")
     moment = datetime.fromisoformat(whole + offset.removesuffix("Z"))

@@ -97,6 +97,13 @@ def test_every_format_is_written_at_every_instant(run: Path, tmp_path: Path, kin
     assert "exists; --force replaces it" in message
 
 
+@pytest.mark.parametrize("at", ["2026-01-01T00:00:00,9Z", "2026-01-01T00:00:00,999999999", "+0.9"])
+def test_a_fraction_of_a_second_is_none_of_the_next_one(run: Path, tmp_path: Path, at: str) -> None:
+    """A comma before it, as ISO 8601 has it too, was rounded away: the zones were those of a second later."""
+    arguments = ("export", run, "-f", "csv", "--at", at, "-o", tmp_path / "zones.csv", "--json")
+    assert json.loads(command(*arguments))["stamp_ns"] == START_NS
+
+
 @pytest.mark.parametrize("kind", ["state", "costmap"])
 def test_rasters_need_the_map_of_the_run(run: Path, tmp_path: Path, kind: str) -> None:
     arguments = ("export", run, "-f", kind, "-o", tmp_path / "map")
