@@ -458,6 +458,22 @@ def test_what_a_format_without_holes_closes_beside_the_zones_is_known(name: str)
     assert closed == pytest.approx(sum(zone.polygon.area for zone in export.zones) + 3.0, abs=0.1)
 
 
+def test_f3548_has_room_for_a_large_zone_that_the_antimeridian_cuts() -> None:
+    """A comb of 1200 teeth, 4800 corners, every tooth cut. What the whole comb has too many was taken off the
+    room for what was left of it, and no file was written."""
+    teeth = [shapely.box(-30.0 - k % 7, 2.0 * k, 40.0, 2.0 * k + 1.0) for k in range(-600, 600)]
+    comb = shapely.union_all([shapely.box(40.0, -1200.0, 45.0, 1200.0), *teeth])
+    (zone,) = zones_of("#")
+    zones = replace(zones_of("#"), zones=(replace(zone, polygon=comb),))
+    anchor = (-17.0, 180.0, 0.0)
+    (constraint,) = json.loads(ZONE_FORMATS["f3548"](exported(zones, anchor)))["constraints"]
+    outlines = [one["volume"]["outline_polygon"]["vertices"] for one in constraint["details"]["volumes"]]
+    assert len(outlines) > 1 and sum(map(len, outlines)) <= 1000
+    corners = [[(one["lng"], one["lat"]) for one in outline] for outline in outlines]
+    closed = shapely.union_all([shapely.Polygon(local(outline, anchor)) for outline in corners])
+    assert closed.buffer(1e-4).covers(comb)
+
+
 def test_corners_that_a_constraint_has_no_room_for_close_ground() -> None:
     angle = np.linspace(0.0, 2 * np.pi, 4001)[:-1]
     corners = np.column_stack([np.cos(angle), np.sin(angle)]) * (50.0 + (np.arange(4000) % 2))[:, None]

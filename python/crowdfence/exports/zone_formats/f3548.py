@@ -95,10 +95,18 @@ def _parts(zone: Zone, export: ZoneExport) -> list[Polygon]:
 def shapes_in_constraint(zone: Zone, export: ZoneExport) -> list[Polygon | MultiPolygon]:
     """In local metres: the zone, or shapes around it with no more corners. Their holes are closed."""
     shapes, budget = [zone.polygon], MAX_VERTICES
-    while (over := sum(map(_corners, _outlined(zone, shapes, export))) - MAX_VERTICES) > 0:
+    over = _over(zone, shapes, export)
+    while over > 0:
         shapes = list(fitted([zone.polygon], budget, circles=False).polygons)
-        budget -= over  # what the antimeridian cuts has more
+        over = _over(zone, shapes, export)
+        # What the antimeridian cuts has more, up to twice as many.
+        budget = min(budget - 1, budget * MAX_VERTICES // (MAX_VERTICES + over))
     return shapes
+
+
+def _over(zone: Zone, shapes: Iterable[Polygon | MultiPolygon], export: ZoneExport) -> int:
+    """Corners more than a constraint may have."""
+    return sum(map(_corners, _outlined(zone, shapes, export))) - MAX_VERTICES
 
 
 def _outlined(zone: Zone, shapes: Iterable[Polygon | MultiPolygon], export: ZoneExport) -> list[Polygon]:
