@@ -349,6 +349,48 @@ def test_frames_that_nothing_lays_to_each_other_are_told(tmp_path: Path) -> None
     assert "(uav2 in uav2/odom)" in told and "as those of uav1" in told
 
 
+def test_frames_of_bags_that_each_drone_recorded_itself(tmp_path: Path) -> None:
+    """In one bag their frames were told, and brought into one; of two bags, which is how drones record, they
+    were taken as one without a word, 40 m off."""
+    messages, fixed = fleet_in_frames_of_their_own()
+
+    def bags(name: str, frame: str = "", static: bool = False) -> list[Path]:
+        found = []
+        for drone, one in zip(("uav1", "uav2"), fixed, strict=True):
+            own = [
+                (
+                    topic,
+                    kind,
+                    stamp,
+                    fields | ({"header": header(stamp, frame)} if frame and kind == POSE else {}),
+                )
+                for topic, kind, stamp, fields in messages
+                if topic.startswith(f"/{drone}/")
+            ]
+            if static:
+                told = one | ({"child_frame_id": frame} if frame else {})
+                own.append(("/tf_static", TF, rows()[0].stamp_ns, {"transforms": [told]}))
+            found.append(write_bag(tmp_path / f"{name}_{drone}", "mcap", own))
+        return found
+
+    def doubts(paths: list[Path]) -> list[str]:
+        return [one for one in open_recording(paths).warnings if "nothing in the recordings says" in one]
+
+    (told,) = doubts(bags("named"))
+    assert "(uav1 in uav1/odom, uav2 in uav2/odom)" in told and "record /tf_static in each bag" in told
+    (told,) = doubts(alike := bags("alike", "odom"))
+    assert "(uav1 in odom, uav2 in odom)" in told
+    assert doubts(bags("common", "world")) == []
+    for frame in ("", "odom"):
+        found = open_recording(bags(f"laid{frame}", frame, static=True))
+        assert_same_frames(found, ("uav1", "uav2"), 1e-9)
+        assert not any("nothing in the" in warning for warning in found.warnings)
+    assert not any("nothing in the" in warning for warning in open_recording(alike[1]).warnings)
+    converted = [convert(open_recording(one), one.with_suffix(".mcap")).path for one in alike]
+    (told,) = doubts(converted)
+    assert "uav1 in that of ROS 2 bag alike_uav1" in told
+
+
 UPSIDE_DOWN = Rotation.from_euler("ZYX", [90.0, 0.0, 180.0], degrees=True)
 """An IMU on a body: on its back, its nose to the left."""
 

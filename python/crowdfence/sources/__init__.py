@@ -143,7 +143,8 @@ def _open_fleet(paths: Sequence[Path], limits: Limits, options: Mapping[str, Any
     opened: list[Recording] = []
     for path, name in zip(paths, names, strict=True):
         anchor = opened[0].georeference if opened else None
-        opened.append(_in_time(_open_one(path, limits, options, anchor, name), limits))
+        one = _open_one(path, limits, options, anchor, name, beside_others=len(paths) > 1)
+        opened.append(_in_time(one, limits))
     if (zone_s := zone_of_fleet_s(opened)) is not None:
         anchor = opened[0].georeference
         opened = [
@@ -162,6 +163,8 @@ def _open_one(
     options: Mapping[str, Any],
     anchor: Georeference | None = None,
     name: str = "",
+    *,
+    beside_others: bool = False,
 ) -> Recording:
     from crowdfence.sources.film.reader import is_film
     from crowdfence.sources.mission.layout import MAGIC
@@ -169,19 +172,19 @@ def _open_one(
     from crowdfence.sources.ros_bag.bag_file import is_bag
 
     if path.is_dir():
-        return _open_folder(path, limits, options, anchor)
+        return _open_folder(path, limits, options, anchor, beside_others)
     if path.is_fifo():
         raise ValueError(f"{path} is a pipe; save what it gives in a file, and name that")
     with path.open("rb") as file:
         is_mcap = file.read(len(MAGIC)) == MAGIC
     if is_mcap:
-        return _open_mcap(path, limits, options)
+        return _open_mcap(path, limits, options, beside_others)
     if photographs(path):
         return _open_photographs(path, limits, options, anchor)
     if is_film(path):
         return _open_film(path, limits, options, anchor, name)
     if is_bag(path):
-        return _open_bag(path, limits, options)
+        return _open_bag(path, limits, options, beside_others)
     raise ValueError(f"{path} is not a recording: {KINDS}{_film_beside(path)}")
 
 
@@ -303,7 +306,11 @@ def _steadied(recording: Recording, noise: Literal["estimate"] | tuple[float, fl
 
 
 def _open_folder(
-    path: Path, limits: Limits, options: Mapping[str, Any], anchor: Georeference | None
+    path: Path,
+    limits: Limits,
+    options: Mapping[str, Any],
+    anchor: Georeference | None,
+    beside_others: bool,
 ) -> Recording:
     from crowdfence.sources.airsim.reader import AirSimOptions, find_airsim_folder, read_airsim
     from crowdfence.sources.folder import POSES_NAME, read_folder
@@ -323,7 +330,7 @@ def _open_folder(
 
         return read_multi_camera(path, reader_options(MultiCameraOptions, path, options))
     if is_bag(path):
-        return _open_bag(path, limits, options)
+        return _open_bag(path, limits, options, beside_others)
     if photographs(path):
         return _open_photographs(path, limits, options, anchor)
     raise ValueError(
@@ -341,31 +348,32 @@ def _files_in(folder: Path) -> str:
     return f"; name a recording in it: {', '.join(named[:_MOST_NAMED])}" if named else ""
 
 
-def _open_mcap(path: Path, limits: Limits, options: Mapping[str, Any]) -> Recording:
+def _open_mcap(path: Path, limits: Limits, options: Mapping[str, Any], beside_others: bool) -> Recording:
     from crowdfence.sources.mission.reader import NoMissionError, read_mission
     from crowdfence.sources.reader_options import refuse_options
 
     if "topics" in options:
-        return _open_bag(path, limits, options)
+        return _open_bag(path, limits, options, beside_others)
     try:
         mission = read_mission(path, limits)
     except NoMissionError as no_mission:
         try:
-            return _open_bag(path, limits, options)
+            return _open_bag(path, limits, options, beside_others)
         except ValueError as no_bag:
             raise ValueError(f"{no_mission}; {no_bag}") from no_bag
     if not any(len(track) for track in mission.tracks().values()) and "version" not in mission.manifest:
         # Topics of others that happen to be named like ours.
         try:
-            return _open_bag(path, limits, options)
+            return _open_bag(path, limits, options, beside_others)
         except ValueError:
             return mission
     refuse_options(path, options)
     return mission
 
 
-def _open_bag(path: Path, limits: Limits, options: Mapping[str, Any]) -> Recording:
+def _open_bag(path: Path, limits: Limits, options: Mapping[str, Any], beside_others: bool) -> Recording:
     from crowdfence.sources.reader_options import reader_options
     from crowdfence.sources.ros_bag.reader import BagOptions, read_bag
 
-    return read_bag(path, limits, reader_options(BagOptions, path, options))
+    how = reader_options(BagOptions, path, options)
+    return read_bag(path, limits, how, beside_others=beside_others)

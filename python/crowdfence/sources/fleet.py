@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from crowdfence.georeference import Georeference
 from crowdfence.sources.pose_offset import alignments_of
 from crowdfence.sources.recorded_truth import PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Recording
+from crowdfence.sources.ros_bag.own_frame import COUNTED_FROM
 
 
 def joined(recordings: Sequence[Recording]) -> Recording:
@@ -61,11 +62,46 @@ def _frame_doubt(recordings: Sequence[Recording]) -> str:
     """Why what one of the recordings saw may lie elsewhere beside another; empty where they have a place."""
     if recordings[0].georeference is not None:
         return ""
+    known = [frames for one in recordings if (frames := _local_frames(one)) is not None]
+    if len(known) == len(recordings):
+        return _bags_doubt(known)
     return (
         f"{', '.join(one.name for one in recordings)} do not say where on Earth their (0, 0, 0) lies: it is "
         "taken to be one; where each counts from a place of its own, as its take-off, what one drone sees is "
         "put far from what another sees there: record the place in each, or count all from one point"
     )
+
+
+def _bags_doubt(told: Sequence[Mapping[str, tuple[str, str]]]) -> str:
+    """Of bags, each as its drone recorded it, whose poses may count from another place in each. `told`: for
+    each bag what its drones count from, and whose that is."""
+    # A robot's own frame is another one in each bag, whatever it and its topic are called.
+    origins = {
+        (frame, whose and (number, whose))
+        for number, frames in enumerate(told)
+        for frame, whose in frames.values()
+    }
+    if len(told) < 2 or len(origins) < 2:
+        return ""
+    named = (f"{drone} in {frame or '(no frame)'}" for frames in told for drone, (frame, _) in frames.items())
+    return (
+        "nothing in the recordings says how the frames of their poses lie to each other "
+        f"({', '.join(named)}): all are taken to count from the same place, and what one drone sees may be "
+        "put far from what another sees there; record /tf_static in each bag, from one frame of all to that "
+        "of its poses, or all drones in one bag with origin= or fix= of each in --topics"
+    )
+
+
+def _local_frames(one: Recording) -> dict[str, tuple[str, str]] | None:
+    """By drone what its poses count from, and whose that is; None for what counts from a place on Earth, or
+    from where whoever made it says."""
+    if one.georeference is not None:
+        return None
+    if COUNTED_FROM in one.manifest:
+        return dict(one.manifest[COUNTED_FROM])
+    if str(one.manifest.get("source", "")).startswith("ROS "):  # a bag that was converted
+        return {drone: (f"that of {one.manifest['source']}", drone) for drone in one.drones}
+    return None
 
 
 def _people(recordings: Sequence[Recording]) -> PeopleLog:

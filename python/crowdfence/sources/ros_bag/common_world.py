@@ -28,6 +28,8 @@ class CommonWorld:
     content: BagContent
     chosen: Sequence[DroneTopics]
     warnings: list[str]
+    beside_others: bool = False
+    """Whether drones of other recordings fly beside those of the bag."""
     counted_from: dict[str, tuple[str, str]] = field(default_factory=dict)
     """Frame that the poses of a drone count from, and whose it is (`own_frame`); by drone, as far as it is
     known yet."""
@@ -70,7 +72,7 @@ class CommonWorld:
     def doubt(self, placed: Sequence[str]) -> str | None:
         """Where poses of different frames are taken as being in one; of the drones in `placed` the bag says
         where on Earth they are."""
-        lost = [drone for drone in self.counted_from if drone not in placed]
+        lost = self.local_frames(placed)
         if not lost or (not placed and len(set(self.counted_from.values())) < 2):
             return None
         frames = ", ".join(f"{drone} in {self._told(drone)}" for drone in lost)
@@ -80,6 +82,10 @@ class CommonWorld:
             f"taken to count from the same place{others}, and what one drone sees may be put far from what "
             "another sees there; name origin= or fix= of each in --topics, or record /tf_static"
         )
+
+    def local_frames(self, placed: Sequence[str]) -> dict[str, tuple[str, str]]:
+        """What the poses of the drones count from of which the bag does not say where on Earth they are."""
+        return {drone: counted for drone, counted in self.counted_from.items() if drone not in placed}
 
     def _told(self, drone: str) -> str:
         frame, whose = self.counted_from[drone]
@@ -91,7 +97,9 @@ class CommonWorld:
 
     def _several(self) -> bool:
         """Whether the poses of the drones are in frames of their own: of names of their own, or fixed to a
-        common one each otherwise."""
+        common one each otherwise; those of other recordings may be."""
+        if self.beside_others:
+            return True
         frames = [(one.drone, self._frame(one.camera_pose or one.pose or "")) for one in self.chosen]
         if len({frame for _, frame in frames}) > 1:
             return True

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import re
 
+COUNTED_FROM = "counted_from"
+"""Key of a bag's manifest: by drone the frame that its poses count from, and whose that is, where the bag
+does not say where on Earth they are."""
+
 _ODOM = re.compile(r"(?:^|[/_])odom$", re.IGNORECASE)
 
 

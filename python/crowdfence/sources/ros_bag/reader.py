@@ -36,6 +36,7 @@ from crowdfence.sources.ros_bag.bag_content import BagContent, PoseRows
 from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, open_bag
 from crowdfence.sources.ros_bag.common_world import CommonWorld, heading_doubt
 from crowdfence.sources.ros_bag.optical_frame import frame_doubt, optical_frame
+from crowdfence.sources.ros_bag.own_frame import COUNTED_FROM
 from crowdfence.sources.ros_bag.picture import encoded_picture, heatmap_pixels
 from crowdfence.sources.ros_bag.topic_choice import (
     COMPRESSED,
@@ -74,9 +75,13 @@ class BagOptions:
     """Intrinsics for all cameras, instead of those in the bag."""
 
 
-def read_bag(path: Path, limits: Limits, options: BagOptions) -> Recording:
-    """Open a bag. ValueError when it is damaged, names of `topics` are wrong, or no camera with a pose is in
-    it; the message then lists the topics that are there."""
+def read_bag(path: Path, limits: Limits, options: BagOptions, *, beside_others: bool = False) -> Recording:
+    """Open a bag. `beside_others`: it is one of several recordings of a fleet, and what it tells to be over
+    the frames of its poses counts.
+
+    ValueError when it is damaged, names of `topics` are wrong, or no camera with a pose is in it; the message
+    then lists the topics that are there.
+    """
     bag = open_bag(path)
     topics = bag.topics()
     stated = stated_topics(options.topics, topics)
@@ -87,7 +92,7 @@ def read_bag(path: Path, limits: Limits, options: BagOptions) -> Recording:
             f"camera=...,info=...,pose=... from {topic_list(topics)}"
         )
     content = BagContent(bag, chosen)
-    reader = _Reader(bag, chosen, content, limits, options, guessed=not stated)
+    reader = _Reader(bag, chosen, content, limits, options, guessed=not stated, beside_others=beside_others)
     return reader.recording()
 
 
@@ -99,6 +104,7 @@ class _Reader:
     limits: Limits
     options: BagOptions
     guessed: bool
+    beside_others: bool
     anchor: Georeference | None = None
     warnings: list[str] = field(default_factory=list)
     poses_from: dict[str, str] = field(default_factory=dict)
@@ -109,7 +115,7 @@ class _Reader:
     """Drones of which the bag says where on Earth their poses count from."""
 
     def __post_init__(self) -> None:
-        self.world = CommonWorld(self.content, self.chosen, self.warnings)
+        self.world = CommonWorld(self.content, self.chosen, self.warnings, self.beside_others)
 
     def recording(self) -> Recording:
         chosen = self.chosen
@@ -152,6 +158,7 @@ class _Reader:
                 "kind": "ROS 1 bag" if self.bag.ros1 else "ROS 2 bag",
                 "path": str(self.bag.path),
                 "topics": [str(one) for one in chosen],
+                COUNTED_FROM: self.world.local_frames(self.placed),
             },
             pose_tracks=tracks,
         )
