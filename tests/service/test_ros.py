@@ -711,7 +711,8 @@ def test_drones_that_count_from_frames_of_their_own_are_told_of(tmp_path: Path) 
 
         ((_, text),) = by_mavros("/uav1/mavros/local_position/pose", "/uav2/mavros/local_position/odom")
         assert "(d0 in map of /uav1/mavros, d1 in map of /uav2/mavros)" in text and "--mavlink" in text
-        assert not by_mavros("/uav1/mavros/local_position/pose", "/uav1/mavros/local_position/pose")
+        assert by_mavros("/uav1/mavros/odometry/in", "/uav2/mavros/global_position/local")
+        assert not by_mavros("/uav1/mavros/local_position/pose", "/uav1/mavros/odometry/in")
         assert not by_mavros("/uav1/vicon/pose", "/uav2/vicon/pose")
 
         def switched_on(*topics: str) -> list[tuple[str, str]]:

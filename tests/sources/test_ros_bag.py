@@ -873,7 +873,16 @@ def test_frames_of_their_own_that_are_called_alike(tmp_path: Path) -> None:
     assert not any("nothing in the bag says" in warning for warning in found.warnings)
 
 
-@pytest.mark.parametrize(("topic", "told"), [("mavros/local_position/pose", True), ("cam/pose", False)])
+@pytest.mark.parametrize(
+    ("topic", "told"),
+    [
+        ("mavros/local_position/pose", True),
+        ("mavros/odometry/in", True),  # as PX4 tells it, which is taken by itself: the shortest name
+        ("mavros/global_position/local", True),
+        ("cam/pose", False),
+        ("slam/odometry/inertial", False),
+    ],
+)
 def test_the_map_of_an_autopilot_is_its_own(tmp_path: Path, topic: str, told: bool) -> None:
     """MAVROS calls the place where each autopilot was switched on `map`; of others, a map is that of all."""
     messages: list[Any] = []
