@@ -645,6 +645,30 @@ def test_the_pose_beside_a_camera_is_its_own(tmp_path: Path) -> None:
     assert_same_frames(found, (DRONE,), 1e-4)
 
 
+def test_cameras_that_are_given_one_drone_s_poses_though_another_tells_its_own_are_told(
+    tmp_path: Path,
+) -> None:
+    """By names nobody knows whose the cameras are: what the second drone saw was put where the first one
+    was, beside a line that listed the topics."""
+    messages: list[Any] = [static_mount(rows()[0].stamp_ns)]
+    for drone, eye in (("uav1", "eye1"), ("uav2", "eye2")):
+        messages += [
+            (topic.replace(f"/{drone}/", f"/{eye}/"), *rest)
+            for topic, *rest in picture_messages(drone, OPTICAL)
+        ]
+    of_one = [*messages, *odometry("uav1")]
+
+    def told(name: str, messages: list[Any]) -> list[str]:
+        found = open_recording(write_bag(tmp_path / name, "mcap", messages))
+        return [warning for warning in found.warnings if "given one topic of poses" in warning]
+
+    assert told("robot", of_one) == [], "two cameras of one robot"
+    (said,) = told("fleet", [*of_one, *odometry("uav2")])
+    assert said.startswith("eye1 and eye2 are given") and "/uav1/odom, and nobody /uav2/odom" in said
+    again = [("/uav1/mavros/odom", *rest) for _, *rest in odometry("uav1")]
+    assert told("twice", [*of_one, *again]) == [], "two sources of the same robot"
+
+
 def test_a_second_camera_of_a_drone_is_not_left_out_in_silence(tmp_path: Path) -> None:
     """One camera is one drone: whoever wants both names them."""
     down = picture_messages(DRONE, OPTICAL)

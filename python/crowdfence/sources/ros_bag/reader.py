@@ -43,6 +43,7 @@ from crowdfence.sources.ros_bag.topic_choice import (
     DroneTopics,
     guessed_topics,
     left_out,
+    shared_pose,
     stated_topics,
     topic_list,
 )
@@ -144,6 +145,8 @@ class _Reader:
                 f"{', '.join(others)}: left out, what they saw is not used; name each camera of a drone with "
                 "--topics drone=NAME,camera=... or heatmap=..., and a name of its own"
             )
+        if self.guessed:
+            self._doubt_shared_poses()
         self.warnings += self.content.tree_warnings[:4]
         frames, refused = place_cameras(unplaced, tracks, self.limits)
         return Recording(
@@ -162,6 +165,14 @@ class _Reader:
             },
             pose_tracks=tracks,
         )
+
+    def _doubt_shared_poses(self) -> None:
+        for drones, topic, other in shared_pose(self.bag.topics(), self.told_by):
+            self.warnings.append(
+                f"{' and '.join(drones)} are given one topic of poses by types and names, {topic}, and "
+                f"nobody {other}: if they are cameras of several drones, what one sees is put where another "
+                "one is; name what tells where each is with --topics drone=NAME,camera=...,info=...,pose=..."
+            )
 
     def _doubt_clocks(self, one: DroneTopics) -> None:
         pictures_on = one.camera or one.heatmap or ""

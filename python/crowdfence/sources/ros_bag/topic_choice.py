@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 from crowdfence.sources.ros_bag.bag_file import BagTopic
@@ -136,6 +136,28 @@ def left_out(topics: Mapping[str, BagTopic], chosen: Sequence[DroneTopics]) -> l
     """Topics of cameras and heatmaps that were not chosen, such as the second camera of a drone."""
     taken = {topic for one in chosen for topic in (one.camera, one.heatmap)}
     return [name for name in (*_cameras(topics), *_heatmaps(topics)) if name not in taken]
+
+
+def shared_pose(
+    topics: Mapping[str, BagTopic], told_by: Mapping[str, Iterable[str]]
+) -> Iterator[tuple[list[str], str, str]]:
+    """Where cameras in namespaces of their own were given one topic of poses though a robot of another
+    namespace tells some that nobody was given: the drones, the topic, the other. `told_by`: topics of poses
+    by drone."""
+    used = {topic for names in told_by.values() for topic in names}
+    for topic in sorted(used):
+        drones = [drone for drone, names in told_by.items() if topic in names]
+        kinds = next((kinds for kinds in (POSES, (FIX,)) if topics[topic].type in kinds), ())
+        others = [
+            name
+            for name, other in topics.items()
+            if other.type in kinds
+            and other.count
+            and not _NO_POSE.search(name.lower())
+            and _namespace(name) not in {_namespace(one) for one in used}
+        ]
+        if len(drones) > 1 and others:
+            yield drones, topic, min(others)
 
 
 def topic_list(topics: Mapping[str, BagTopic]) -> str:
