@@ -19,7 +19,7 @@ from crowdfence import Camera, open_recording
 from crowdfence.sources.convert import convert
 from crowdfence.sources.ros_bag.common_world import heading_doubt
 from crowdfence.sources.ros_bag.picture import encoded_picture
-from crowdfence.sources.ros_bag.two_clocks import Arrivals, behind_s
+from crowdfence.sources.ros_bag.two_clocks import Arrivals, behind_s, drones_apart
 from support.foreign_recordings import (
     DRONE,
     agreement,
@@ -958,6 +958,42 @@ def test_pictures_that_the_alignment_so_told_puts_right(tmp_path: Path) -> None:
     for frame in reference().frames[2:]:
         ours = righted[frame.stamp_ns - 1_500_000_000].world_from_camera
         assert np.allclose(ours, frame.world_from_camera, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("drones", "apart_s", "told"),
+    [
+        (
+            ("uav1", "uav2", "uav3"),
+            18.0,
+            "18.0 s ahead of those of uav2: what uav1 saw counts as so much newer",
+        ),
+        (("uav1", "uav2"), -300.0, "300.0 s ahead of those of uav1: what uav2 saw counts as so much newer"),
+        (("uav1", "uav2"), 0.5, ""),
+    ],
+)
+def test_a_drone_on_a_clock_of_its_own_is_told(
+    tmp_path: Path, drones: tuple[str, ...], apart_s: float, told: str
+) -> None:
+    """The first of them. An empty look of its clock's future opened crowds that others saw later, and nothing
+    was said; live that is an alarm."""
+    messages: list[Any] = []
+    for drone in drones:
+        own = [*picture_messages(drone, OPTICAL), *camera_pose_messages(drone)]
+        messages += stamped_otherwise(own, apart_s if drone == "uav1" else 0.0)
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", messages))
+    said = [warning for warning in found.warnings if "by when they were recorded" in warning]
+    assert len(said) == bool(told) and all(told in one for one in said)
+
+
+def test_pictures_that_are_long_on_their_way_are_of_no_other_clock() -> None:
+    poses_s, pictures_s = np.arange(0, 60, 0.02), np.arange(3, 50, 0.5)
+    poses = {drone: arrivals(poses_s + 0.1, poses_s) for drone in ("a", "b")}
+    pictures = {"a": arrivals(pictures_s + 0.2, pictures_s), "b": arrivals(pictures_s + 3.2, pictures_s)}
+    assert list(drones_apart(pictures, poses)) == []
+    together = dict.fromkeys(("a", "b"), poses["a"])  # all by /tf
+    assert list(drones_apart(pictures, together)) == [("b", "a", pytest.approx(3.0, abs=0.02))]
+    assert list(drones_apart({}, {})) == []
 
 
 def arrivals(arrived_s: np.ndarray, stamps_s: np.ndarray) -> Arrivals:

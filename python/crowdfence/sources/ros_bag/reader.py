@@ -55,7 +55,13 @@ from crowdfence.sources.ros_bag.transforms import (
     composed,
     is_ned,
 )
-from crowdfence.sources.ros_bag.two_clocks import Arrivals, behind_s, clock_doubt
+from crowdfence.sources.ros_bag.two_clocks import (
+    Arrivals,
+    behind_s,
+    clock_doubt,
+    drone_clock_doubt,
+    drones_apart,
+)
 from crowdfence.sources.rotation import multiply
 
 _INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
@@ -134,8 +140,7 @@ class _Reader:
         tracks = {one.drone: self._track(one) for one in chosen}
         if doubt := self.world.doubt(self.placed):
             self.warnings.append(doubt)
-        for one in chosen:
-            self._doubt_clocks(one)
+        self._doubt_drones_apart([one for one in chosen if not self._doubt_clocks(one)])
         unplaced = {one.drone: self._unplaced(one) for one in chosen}
         for one in chosen:
             how = "taken by types and names" if self.guessed else "as stated"
@@ -174,14 +179,23 @@ class _Reader:
                 "one is; name what tells where each is with --topics drone=NAME,camera=...,info=...,pose=..."
             )
 
-    def _doubt_clocks(self, one: DroneTopics) -> None:
+    def _doubt_clocks(self, one: DroneTopics) -> bool:
+        """Whether its pictures and its poses are of two clocks."""
+        is_doubted = False
         pictures_on = one.camera or one.heatmap or ""
         for poses_on in self.told_by.get(one.drone, ()):
-            pictures, poses = (
-                self.content.arrivals.get(name, Arrivals()) for name in (pictures_on, poses_on)
-            )
-            if (apart_s := behind_s(pictures, poses)) is not None:
+            if (apart_s := behind_s(self._arrivals(pictures_on), self._arrivals(poses_on))) is not None:
                 self.warnings.append(f"{one.drone}: {clock_doubt(pictures_on, poses_on, apart_s)}")
+                is_doubted = True
+        return is_doubted
+
+    def _doubt_drones_apart(self, drones: Sequence[DroneTopics]) -> None:
+        pictures = {one.drone: self._arrivals(one.camera or one.heatmap or "") for one in drones}
+        poses = {one.drone: self._arrivals(self.told_by[one.drone][0]) for one in drones}
+        self.warnings += [drone_clock_doubt(*apart) for apart in drones_apart(pictures, poses)]
+
+    def _arrivals(self, topic: str) -> Arrivals:
+        return self.content.arrivals.get(topic, Arrivals())
 
     def _require_pictures(self) -> None:
         pictures = self.content.pictures

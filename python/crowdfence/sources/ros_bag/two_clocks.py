@@ -1,12 +1,14 @@
-"""Whether the pictures of a drone and its poses are stamped by one clock.
+"""Whether the pictures of a drone and its poses, and those of several drones, are stamped by one clock.
 
 A bag keeps when each message arrived, on the recorder's clock, beside the stamp that its sender gave it. A
 camera that counts by satellites is 18 s ahead of poses in UTC, one that nobody set is off by anything: every
-picture would get the pose of another moment.
+picture would get the pose of another moment. Where the clock of a whole drone is off, what it saw counts as
+older or newer than what others saw: a look from before a crowd came would open its ground.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,6 +58,36 @@ def behind_s(pictures: Arrivals, poses: Arrivals) -> float | None:
     apart_ns = (at_ns - np.array(pictures.stamps_ns, np.int64) - late_ns[nearest])[near]
     apart_s = float(np.median(apart_ns)) / 1e9
     return apart_s if abs(apart_s) > _MOST_S else None
+
+
+def drones_apart(
+    pictures: Mapping[str, Arrivals], poses: Mapping[str, Arrivals]
+) -> Iterator[tuple[str, str, float]]:
+    """Drones whose stamps are of another clock than those of a drone with which most others agree: the drone,
+    that one, and how many seconds it is behind. By drone, when its pictures and its poses arrived."""
+
+    def behind(drone: str, other: str) -> float | None:
+        apart_s = behind_s(pictures[drone], pictures[other])
+        told_alike = poses[drone] is poses[other]  # by one topic, such as /tf
+        # Pictures of one of them may be longer on their way, which its poses are not then.
+        return apart_s if told_alike or behind_s(poses[drone], poses[other]) is not None else None
+
+    if not pictures:
+        return
+    usual = min(pictures, key=lambda one: sum(behind(other, one) is not None for other in pictures))
+    for drone in pictures:
+        if (apart_s := behind(drone, usual)) is not None:
+            yield drone, usual, apart_s
+
+
+def drone_clock_doubt(drone: str, other: str, apart_s: float) -> str:
+    """What to tell of it."""
+    where, age = ("behind", "older") if apart_s > 0 else ("ahead of", "newer")
+    return (
+        f"by when they were recorded, the stamps of {drone} are {abs(apart_s):.1f} s {where} those of "
+        f"{other}: what {drone} saw counts as so much {age}, so that looks from before a crowd came may open "
+        f"its ground; set the clocks of all drones by one, or leave one out (--without {drone})"
+    )
 
 
 def clock_doubt(pictures_on: str, poses_on: str, apart_s: float) -> str:
