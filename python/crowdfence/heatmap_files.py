@@ -152,7 +152,15 @@ def detect_recording(
                 films.add(frame, heatmap)
             return heatmap
 
-        conversion = convert(thinned, path, heatmap_of=heatmap_of, source=source.strip(), progress=progress)
+        contract = None if heatmaps.contract is None else heatmaps.contract.to_json()
+        conversion = convert(
+            thinned,
+            path,
+            heatmap_of=heatmap_of,
+            detector=contract,
+            source=source.strip(),
+            progress=progress,
+        )
     return DetectedRecording(conversion, [] if films is None else films.paths)
 
 

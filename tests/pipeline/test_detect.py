@@ -25,11 +25,14 @@ from crowdfence.cli.app import app
 from crowdfence.config import OrConfig, PaperConfig, ProjectionConfig, RunConfig
 from crowdfence.detector.detector import Detector
 from crowdfence.errors import FrameError
-from crowdfence.evaluation.replay import measured_rates
+from crowdfence.evaluation.replay import measured_rates, score
 from crowdfence.heatmap_files import detect_recording
 from crowdfence.pipeline import choose_detector, heatmap_source
+from crowdfence.run_summary import heatmaps_of
+from crowdfence.sources.convert import convert
+from crowdfence.sources.fleet import joined
 from crowdfence.sources.layers import LayerPixels
-from crowdfence.sources.recording import Frame
+from crowdfence.sources.recording import Frame, Recording
 from support.onnx_models import contract, write_map_model, write_pixel_people_model
 from support.small_recordings import STARTS, flight, heatmap, write_airsim, write_folder
 
@@ -96,6 +99,56 @@ def test_a_detector_and_its_copy_of_the_recording_give_the_same_map(
     maps = [run.crowd_map.to_bytes() for run in (side_by_side, in_a_row, beforehand)]
     assert maps[0] == maps[1] == maps[2]
     assert maps[0] != pipeline.run(open_recording(recorded), terrain, config).crowd_map.to_bytes()
+
+
+def test_heatmaps_made_before_count_for_what_the_calibration_of_their_detector_says(
+    recorded: Path, terrain: Terrain, tmp_path: Path
+) -> None:
+    """Taken for those of a detector that states nothing, looks from afar cleared ground like near ones: of
+    the demo twice as much was called empty as where the detector looked at the pictures itself."""
+    table = {
+        "distance_m": [0.0, 30.0, 300.0],
+        "tilt_deg": [0.0, 90.0],
+        "mean": [0.0, 0.5, 1.0],
+        "log10_ratio": [[[-2.0, 2.0]], [[-0.2, 0.5]]],
+    }
+    rates = {**RATES, "likelihood_ratio": table, "crowd_observations": 30, "empty_observations": 970}
+    validity = {"gsd_m": [0.1, 0.5], "distance_m": [5.0, 200.0]}
+    detector = Detector(write_map_model(tmp_path / "red.onnx", contract(rates=rates, validity=validity)))
+    recording = open_recording(recorded)
+    expected = pipeline.run(recording, terrain, detector=detector)
+    plain = pipeline.run(recording, terrain, detector=red)
+    assert expected.threshold != plain.threshold
+
+    def run_of(path: Path) -> pipeline.Run:
+        return pipeline.run(open_recording(path), terrain)
+
+    detect_recording(recording, heatmap_source(detector, None, 300.0), tmp_path / "seen.mcap")
+    found = run_of(tmp_path / "seen.mcap")
+    assert found.crowd_map.to_bytes() == expected.crowd_map.to_bytes()
+    assert found.config == expected.config and found.threshold == expected.threshold
+    assert found.warnings == expected.warnings
+    assert heatmaps_of(found)["heatmaps"] == "recorded" and heatmaps_of(found)["name"] == "test model"
+    # Whoever converts it keeps that; a function that makes them anew states nothing.
+    convert(open_recording(tmp_path / "seen.mcap"), tmp_path / "again.mcap")
+    assert run_of(tmp_path / "again.mcap").crowd_map.to_bytes() == expected.crowd_map.to_bytes()
+    convert(open_recording(tmp_path / "seen.mcap"), tmp_path / "anew.mcap", heatmap_of=red)
+    assert run_of(tmp_path / "anew.mcap").crowd_map.to_bytes() == plain.crowd_map.to_bytes()
+    (row,) = score(found.recording, terrain, [RunConfig()]).rows
+    assert row.config.method == expected.config.method
+
+
+def test_heatmaps_of_several_detectors_are_told(tmp_path: Path) -> None:
+    recording = Recording("a", ("a",), (), None, None, (), (), {"detector": {"name": "one"}}, {})
+    others = [replace(recording, name="b", drones=("b",), manifest=told) for told in ({}, recording.manifest)]
+    fleet = joined([recording, others[0]])
+    (said,) = fleet.warnings
+    assert "not all heatmaps were made by one detector (one)" in said and "detector" not in fleet.manifest
+    fleet = joined([recording, others[1]])
+    assert not fleet.warnings and fleet.manifest["detector"] == {"name": "one"}
+    assert not joined([others[0], replace(others[0], drones=("c",))]).warnings
+    with pytest.raises(ValueError, match="a: what it says of the detector.*schema.*crowdfence detect"):
+        heatmap_source(None, None, 300.0, recording=recording)
 
 
 def test_a_model_looks_ahead_by_one_instant(recorded: Path, model: Path, terrain: Terrain) -> None:

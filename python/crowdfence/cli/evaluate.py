@@ -156,7 +156,7 @@ def evaluate(
     reading = read_map(source, told["terrain"], **map_options(told))
     ground = reading.terrain
     source = on_ground(source, ground)  # before anything is looked at: a detector looks at its scale
-    heatmaps = heatmap_source(chosen, ground, told["max_range_m"], layer=layer)
+    heatmaps = heatmap_source(chosen, ground, told["max_range_m"], layer=layer, recording=source)
     untold = UntoldTruth()
     cells = CellCounter(paper.b_threshold, untold)
     if measured_rates:
@@ -164,7 +164,7 @@ def evaluate(
             cells.counts = count_rates(
                 source,
                 # Every picture is looked at twice.
-                heatmap_source(chosen, ground, told["max_range_m"], layer=layer),
+                heatmap_source(chosen, ground, told["max_range_m"], layer=layer, recording=source),
                 b_threshold=paper.b_threshold,
                 untold=untold,
                 on_instant=lambda instant, _: advance(len(instant.frames)),

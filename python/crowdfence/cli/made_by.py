@@ -9,6 +9,8 @@ def heatmaps_line(detector: dict[str, Any]) -> str:
     if "name" not in detector:
         return "as recorded"
     version = f" {detector['version']}" if detector["version"] else ""
+    if detector["heatmaps"] == "recorded":
+        return f"as recorded, by {detector['name']}{version}"
     checksum = f", sha256 {detector['sha256'][:12]}" if detector["sha256"] else ""
     return f"{detector['name']}{version} on the pictures{checksum}"
 

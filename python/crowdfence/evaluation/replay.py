@@ -23,7 +23,7 @@ from crowdfence.evaluation.safety import EVERY_S, CrowdsInView, CrowdWatch, Safe
 from crowdfence.evaluation.threshold_sweep import SweepResult, ThresholdSweep
 from crowdfence.evaluation.untold_truth import UntoldTruth
 from crowdfence.pipeline.clocks import check_clocks
-from crowdfence.pipeline.detect import RECORDED, HeatmapSource
+from crowdfence.pipeline.detect import RECORDED, HeatmapSource, recorded_heatmaps
 from crowdfence.pipeline.flight_doubts import FlightDoubts
 from crowdfence.pipeline.frame_loop import FrameLoop
 from crowdfence.pipeline.terrain import check_overlap
@@ -195,6 +195,8 @@ def score(
     """
     if not configs:
         raise ValueError("configs is empty: give a RunConfig for each method that is to be scored")
+    if heatmaps is RECORDED and recording.layer == CROWD:
+        heatmaps = recorded_heatmaps(recording)
     contract, layer = heatmaps.contract, recording.layer
     configs = [config.with_layer(layer, contract).with_detector(contract) for config in configs]
     swept = [config.with_layer(layer, contract).with_detector(contract) for config in swept]

@@ -20,7 +20,7 @@ from crowdfence.pipeline.far_looks import FarLooks
 from crowdfence.pipeline.picture_watch import PictureWatch
 from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.sources.layers import CROWD, LANDING_SITE
-from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels
+from crowdfence.sources.recording import Frame, Instant, InstantViews, Pixels, Recording
 
 if TYPE_CHECKING:
     from crowdfence.detector.contract.contract import Contract
@@ -44,7 +44,7 @@ class HeatmapSource:
     heatmap_of: HeatmapFunction = field(repr=False)
     """FrameError for a frame without a usable heatmap."""
     contract: Contract | None = None
-    """What a model states about itself."""
+    """What the model that makes them, or made recorded ones (`detect`), states about itself."""
     model: Path | None = None
     """The file of a model."""
     device: Device | None = None
@@ -201,6 +201,27 @@ def _blind(frame: Frame) -> str | None:
 RECORDED = HeatmapSource("recorded", _unless_blind(Frame.heatmap))
 
 
+def recorded_heatmaps(recording: Recording) -> HeatmapSource:
+    """The heatmaps of crowds as recorded. Those that `crowdfence detect` wrote count for what the detector's
+    calibration says of them, as where it looks at the pictures itself. ValueError where what the recording
+    says of that detector cannot be read."""
+    told = recording.manifest.get("detector")
+    if told is None:
+        return RECORDED
+    from crowdfence.detector.contract.contract import Contract
+
+    if not isinstance(told, dict):
+        raise ValueError(f"{recording.name}: what it says of its detector is no contract: {quoted(told)}")
+    try:
+        contract = Contract.from_json(told)
+    except ValueError as error:
+        raise ValueError(
+            f"{recording.name}: what it says of the detector that made its heatmaps cannot be read: {error}; "
+            "make them again (crowdfence detect)"
+        ) from error
+    return replace(RECORDED, contract=contract)
+
+
 def heatmap_source(
     detector: Detector | HeatmapFunction | None,
     terrain: Terrain | None,
@@ -209,8 +230,10 @@ def heatmap_source(
     whole: bool = True,
     gsd_of: Callable[[Frame], float | None] | None = None,
     layer: str = CROWD,
+    recording: Recording | None = None,
 ) -> HeatmapSource:
-    """Who makes the heatmaps. None: they are taken as recorded. A `Detector` sees the pictures; where its
+    """Who makes the heatmaps. None: they are taken as recorded, and are those of the detector that
+    `recording` names, where it does (`recorded_heatmaps`). A `Detector` sees the pictures; where its
     model needs metres per pixel they come from the frame's pose and the terrain; a picture that shows nothing
     is refused (`blank_picture`). Any other function is called with the frame. A heatmap of either that shows
     nobody is refused beside such a picture, and of the `layer` of landing sites any.
@@ -221,7 +244,9 @@ def heatmap_source(
     ValueError when a terrain is needed and missing, TypeError for what is neither detector nor function.
     """
     if detector is None:
-        return RECORDED if layer == CROWD else HeatmapSource("recorded", _unless_blind(Frame.heatmap, layer))
+        if layer != CROWD:
+            return HeatmapSource("recorded", _unless_blind(Frame.heatmap, layer))
+        return RECORDED if recording is None else recorded_heatmaps(recording)
     from crowdfence.detector.detector import Detector
 
     if not isinstance(detector, Detector):

@@ -158,7 +158,14 @@ def run(
     recording = on_ground(recording, terrain)
     check_clocks(recording)
     check_overlap(recording, terrain, max_range_m)
-    heatmaps = heatmap_source(detector, terrain, max_range_m, whole=config.whole_looks, layer=recording.layer)
+    heatmaps = heatmap_source(
+        detector,
+        terrain,
+        max_range_m,
+        whole=config.whole_looks,
+        layer=recording.layer,
+        recording=recording,
+    )
     review = review_detector(heatmaps, recording, terrain, config)
     config = config.with_layer(recording.layer, heatmaps.contract)
     config, doubts = config.with_detector(heatmaps.contract).with_terrain(terrain)

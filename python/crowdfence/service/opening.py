@@ -63,7 +63,8 @@ def replayed(
         raise ValueError(no_frame_line(recording, recording.refused))
     check_clocks(recording)
     check_overlap(recording, terrain, config.projection.max_range_m)
-    heatmaps = heatmap_source(detector, terrain, config.projection.max_range_m, whole=config.whole_looks)
+    max_range_m, whole = config.projection.max_range_m, config.whole_looks
+    heatmaps = heatmap_source(detector, terrain, max_range_m, whole=whole, recording=recording)
     with TemporaryDirectory(prefix="crowdfence-") as folder:
         store = Store(Path(folder), durable=False)
         try:

@@ -52,6 +52,7 @@ def convert(
     path: str | PathLike[str],
     *,
     heatmap_of: Callable[[Frame], Pixels] | None = None,
+    detector: Mapping[str, Any] | None = None,
     source: str | None = None,
     beside: Iterable[TopicMessage] = (),
     depth_images: bool = False,
@@ -63,6 +64,8 @@ def convert(
     """Write the recording as a mission file.
 
     `heatmap_of` makes the heatmaps instead of the recorded ones; it raises FrameError for a frame without.
+    `detector` is what a model that makes them states about itself; what the recording says of the recorded
+    ones goes with those.
     `source` says where the file comes from, instead of the recording's kind and name. `beside` are messages
     of others for the same file, in the order of their stamps. `depth_images`: depth as viewers draw it. The
     map goes into the file, the recording's own or `terrain` instead; without `map_inside` the file names the
@@ -97,6 +100,9 @@ def convert(
             writer.add_simulation(recording.manifest["simulation"])
         if "alignment" in recording.manifest:
             writer.add_alignment(recording.manifest["alignment"])
+        made_by = recording.manifest.get("detector") if heatmap_of is None else detector
+        if made_by is not None:
+            writer.add_detector(made_by)
         for drone in recording.drones:
             writer.add_drone(drone, pose_gap_s=_bridged_s(recording, drone))
         for layer, ground in recording.layer_grounds.items():

@@ -33,7 +33,9 @@ def joined(recordings: Sequence[Recording]) -> Recording:
             )
     with_map = next((one for one in recordings if one.terrain is not None), first)
     people = _people(recordings)
-    doubts = [told for told in (people.unreadable, _frame_doubt(recordings)) if told]
+    doubts = [
+        told for told in (people.unreadable, _frame_doubt(recordings), _detectors_doubt(recordings)) if told
+    ]
     return replace(
         first,
         name="+".join(one.name for one in recordings),
@@ -55,6 +57,18 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         layer_grounds={
             layer: ground for one in reversed(recordings) for layer, ground in one.layer_grounds.items()
         },
+    )
+
+
+def _detectors_doubt(recordings: Sequence[Recording]) -> str:
+    """Of heatmaps that are weighed by what their detector's calibration says, where it is that of all."""
+    made = {str(one["name"]) for told in recordings if (one := told.manifest.get("detector")) is not None}
+    if not made or _manifest(recordings).get("detector") is not None:
+        return ""
+    return (
+        f"not all heatmaps were made by one detector ({', '.join(sorted(made))}): taken as recorded, none "
+        "counts for what its calibration says, and far and flat looks count like near ones, so that more "
+        "ground is called empty; make all by one (crowdfence detect), or let it look at the pictures"
     )
 
 
@@ -135,7 +149,8 @@ def _read(log: PeopleLog, stamp_ns: int) -> RecordedPeople:
 
 
 def _manifest(recordings: Sequence[Recording]) -> dict[str, Any]:
-    """What each says, and by what the poses of any drone were put right: that goes with the poses."""
+    """What each says, by what the poses of any drone were put right: that goes with the poses; and which
+    detector made the heatmaps of all."""
     manifest: dict[str, Any] = {"kind": "fleet", "recordings": [one.manifest for one in recordings]}
     righted = {
         drone: offsets
@@ -143,10 +158,14 @@ def _manifest(recordings: Sequence[Recording]) -> dict[str, Any]:
         for drone in one.drones
         if (offsets := alignments_of(one.manifest, drone))
     }
-    simulations = [one.manifest.get("simulation") for one in recordings]
-    if simulations[0] is not None and all(one == simulations[0] for one in simulations):
-        manifest["simulation"] = simulations[0]  # one mission in parts
-    return {**manifest, "alignment": righted} if righted else manifest
+    told: dict[str, Any] = {"alignment": righted} if righted else {}
+    for what in ("simulation", "detector"):
+        said = [one.manifest.get(what) for one in recordings]
+        if said[0] is not None and all(
+            one == said[0] for one in said
+        ):  # one mission in parts, or one detector
+            told[what] = said[0]
+    return {**manifest, **told}
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:

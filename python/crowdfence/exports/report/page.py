@@ -174,6 +174,7 @@ def _parameters(summary: Mapping[str, Any]) -> dict[str, str]:
     if "name" in detector:
         model = " ".join(filter(None, (detector["name"], detector["version"])))
         model += f", sha256 {detector['sha256']}" if detector["sha256"] else ""
+        model = f"as recorded, by {model}" if detector["heatmaps"] == "recorded" else model
     used = {name: _value(value) for name, value in summary["parameters"].items() if name not in _TOLD_ABOVE}
     rules = {name: _value(value) for name, value in summary["zone_rules"].items() if name not in _TOLD_ABOVE}
     return {

@@ -46,8 +46,9 @@ Metadata records: `crowdfence` (format version, georeference, terrain, how that 
 drone: its name and its topic prefix, written before its first message, and `pose_gap_s` where its frames
 lie between poses further apart than readers bridge of themselves), `crowdfence.refused` (frames that
 a conversion had to leave out), `crowdfence.warnings` (what was doubtful about the recording that was
-converted), and of a simulated mission `crowdfence.simulation` (scenario, seed and
-renderer, first of all) and `crowdfence.statistics` (what came out, last of all). The last four hold JSON.
+converted), `crowdfence.detector` (the contract of the model that made its heatmaps), and of a simulated
+mission `crowdfence.simulation` (scenario, seed and renderer, first of all) and `crowdfence.statistics` (what
+came out, last of all). The last five hold JSON.
 
 A map may lie inside as an attachment (`attached_map`), before the first message, behind those of the files
 that lay beside it and belong to it.
@@ -72,6 +73,7 @@ METADATA_WARNINGS = "crowdfence.warnings"
 METADATA_SIMULATION = "crowdfence.simulation"
 METADATA_STATISTICS = "crowdfence.statistics"
 METADATA_ALIGNMENT = "crowdfence.alignment"
+METADATA_DETECTOR = "crowdfence.detector"
 
 OF_THE_SOURCE = "before it was converted: "
 """Begins a warning that a file was converted with."""

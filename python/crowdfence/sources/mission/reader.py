@@ -30,6 +30,7 @@ from crowdfence.sources.mission.layout import (
     FORMAT_VERSION,
     METADATA,
     METADATA_ALIGNMENT,
+    METADATA_DETECTOR,
     METADATA_DRONE,
     METADATA_LAYER,
     METADATA_REFUSED,
@@ -143,6 +144,8 @@ class _Content:
             self._take_told("statistics", record.metadata.get("statistics", ""))
         elif record.name == METADATA_ALIGNMENT:
             self._take_told("alignment", record.metadata.get("offsets", ""))
+        elif record.name == METADATA_DETECTOR:
+            self._take_told("detector", record.metadata.get("contract", ""))
 
     def take_message(self, message: StoredMessage) -> None:
         if message.topic == PEOPLE_TOPIC:

@@ -20,6 +20,7 @@ from crowdfence.sources.mission.layout import (
     MAP_FRAME,
     METADATA,
     METADATA_ALIGNMENT,
+    METADATA_DETECTOR,
     METADATA_DRONE,
     METADATA_LAYER,
     METADATA_REFUSED,
@@ -190,6 +191,10 @@ class MissionWriter(TopicWriter):
     def add_alignment(self, offsets: Mapping[str, Any]) -> None:
         """By what the poses of each drone were put right before they were written, ready for JSON."""
         self.add_metadata(METADATA_ALIGNMENT, {"offsets": json.dumps(offsets)})
+
+    def add_detector(self, contract: Mapping[str, Any]) -> None:
+        """What the model that made the heatmaps states about itself, ready for JSON."""
+        self.add_metadata(METADATA_DETECTOR, {"contract": json.dumps(contract)})
 
     def add_refused(self, refused: Iterable[RefusedFrame]) -> None:
         """Frames that the source of this mission had but could not pass on; readers report them again."""
