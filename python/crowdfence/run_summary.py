@@ -9,6 +9,7 @@ from typing import Any
 from crowdfence._core import CrowdMass
 from crowdfence.iso_time import iso_utc
 from crowdfence.pipeline import Run, shares
+from crowdfence.sources.pose_noise import smoothed_by
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 
@@ -17,6 +18,7 @@ def run_facts(run: Run) -> dict[str, Any]:
     """What is said of a run of any layer, ready for JSON."""
     first_ns, description = run.rows[0].stamp_ns, run.description
     integrated = Counter(drone for row in run.rows for drone in row.drones)
+    smoothed = smoothed_by(run.recording.manifest)
     return {
         "recording": run.recording.name,
         "first_instant": iso_utc(first_ns),
@@ -35,7 +37,7 @@ def run_facts(run: Run) -> dict[str, Any]:
             "holes": None if run.holes is None else asdict(run.holes),
         },
         "alignment": run.recording.manifest.get("alignment"),
-        "pose_noise": run.recording.manifest.get("pose_noise"),
+        "pose_noise": {drone: asdict(noise) for drone, noise in smoothed.items()} or None,
         "left_out": run.recording.manifest.get("left_out", []),
         "hidden_by_camera_mask": run.recording.manifest.get("hidden_by_camera_mask", {}),
         "method": description.method,

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from crowdfence import open_recording
+from crowdfence import Terrain, _core, open_recording
 from crowdfence.cli.app import app
 from crowdfence.service.ros.poses import RosPoses
+from crowdfence.sources.convert import convert
 from crowdfence.sources.pose_noise import (
     SPEED_CHANGE_M2_S3,
     PoseNoise,
@@ -28,7 +29,8 @@ from crowdfence.sources.pose_noise import (
     with_doubts,
 )
 from crowdfence.sources.pose_track import PoseTrack
-from support.small_recordings import flight, write_folder
+from support.command_line import crowdfence
+from support.small_recordings import flight, ground, write_folder
 
 START_NS = 1_760_000_000_000_000_000
 
@@ -180,6 +182,37 @@ def test_a_recording_is_opened_with_steady_poses(tmp_path: Path) -> None:
     frame = told.frames_of(drone)[2]
     np.testing.assert_array_equal(frame.world_from_camera, expected.at(frame.stamp_ns, 0.25))
     assert len(told.frames) == len(plain.frames)
+
+
+def test_a_recording_tells_wherever_it_goes_by_what_it_was_smoothed(tmp_path: Path) -> None:
+    """The report of a run on the converted file said that its poses were as recorded, and the same smoothing
+    was taken once more."""
+    folder, path = write_folder(tmp_path / "flight", flight()), tmp_path / "flight.mcap"
+    smoothed = open_recording(folder, pose_noise=(0.5, 0.25))
+    convert(smoothed, path)
+    again = open_recording(path)
+    noise = {"position_m": 0.5, "attitude_deg": 0.25}
+    assert again.manifest["pose_noise"] == dict.fromkeys(smoothed.drones, noise)
+    with pytest.raises(ValueError, match=r"uav1 in flight were smoothed before by 0\.5 m and 0\.25 deg"):
+        open_recording(path, pose_noise=(0.5, 0.25))
+    estimated = open_recording(path, pose_noise="estimate")
+    assert estimated.manifest["pose_noise"] == again.manifest["pose_noise"]
+    for one, other in zip(estimated.frames, again.frames, strict=True):
+        np.testing.assert_array_equal(one.world_from_camera, other.world_from_camera)
+    assert all("left as they are" in said for said in estimated.warnings)
+    done = crowdfence(
+        "run", path, "-t", level_map(tmp_path), "--detector", "recorded", "-o", tmp_path / "out"
+    )
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["pose_noise"] == again.manifest["pose_noise"]
+
+
+def level_map(folder: Path) -> Path:
+    terrain = Terrain.from_points(ground(), 2.0)
+    path = folder / "ground.bt"
+    path.write_bytes(_core.write_octomap_binary(terrain, np.arange(terrain.voxel_count)))
+    return path
 
 
 def test_poses_that_tremble_are_told_of(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """Any recording -> a mission file with the same frames, poses and pixels."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from heapq import merge
 from operator import itemgetter
 from os import PathLike
@@ -22,6 +22,7 @@ from crowdfence.sources.no_frame import no_frame_line
 from crowdfence.sources.pictures.decoding import as_png, picture_format
 from crowdfence.sources.place_camera import Limits
 from crowdfence.sources.placed_again import widest_gap_s
+from crowdfence.sources.pose_noise import smoothed_by
 from crowdfence.sources.recording import Frame, Pixels, Recording, RefusedFrame, require_heights
 
 Progress = Callable[[int, int], None]
@@ -103,6 +104,8 @@ def convert(
         made_by = recording.manifest.get("detector") if heatmap_of is None else detector
         if made_by is not None:
             writer.add_detector(made_by)
+        if smoothed := smoothed_by(recording.manifest):
+            writer.add_pose_noise({drone: asdict(noise) for drone, noise in smoothed.items()})
         for drone in recording.drones:
             writer.add_drone(drone, pose_gap_s=_bridged_s(recording, drone))
         for layer, ground in recording.layer_grounds.items():

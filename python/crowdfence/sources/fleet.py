@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from crowdfence.georeference import Georeference
+from crowdfence.sources.pose_noise import smoothed_by
 from crowdfence.sources.pose_offset import alignments_of
 from crowdfence.sources.recorded_truth import PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Recording
@@ -159,13 +160,15 @@ def _manifest(recordings: Sequence[Recording]) -> dict[str, Any]:
         if (offsets := alignments_of(one.manifest, drone))
     }
     told: dict[str, Any] = {"alignment": righted} if righted else {}
+    # Of one mission in parts, and of heatmaps that one detector made.
     for what in ("simulation", "detector"):
         said = [one.manifest.get(what) for one in recordings]
-        if said[0] is not None and all(
-            one == said[0] for one in said
-        ):  # one mission in parts, or one detector
+        if said[0] is not None and all(one == said[0] for one in said):
             told[what] = said[0]
-    return {**manifest, **told}
+    smoothed = {
+        drone: asdict(noise) for one in recordings for drone, noise in smoothed_by(one.manifest).items()
+    }
+    return {**manifest, **told, **({"pose_noise": smoothed} if smoothed else {})}
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:

@@ -9,8 +9,9 @@ constant ones.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,20 +110,46 @@ def steadied_as(track: PoseTrack, given: GivenNoise | None) -> PoseTrack:
 
 def without_noise(recording: Recording, given: GivenNoise) -> Recording:
     """The recording with steady poses; where they were not told, `Recording.warnings` says how large the
-    errors were found. The manifest tells by what each drone's poses were smoothed."""
+    errors were found. The manifest tells by what each drone's poses were smoothed.
+
+    ValueError where `given` is stated and the poses of a drone were smoothed before (`convert` keeps it in
+    the file): the noise is no longer in them, and smoothing would round off what was flown.
+    """
     tracks: dict[str, PoseTrack] = {}
+    before = smoothed_by(recording.manifest)
     smoothed: dict[str, dict[str, float]] = {}
     warnings = list(recording.warnings)
     for drone, track in recording.tracks().items():
+        if drone in before:
+            said = f"smoothed before by {_told(before[drone])}"
+            if given != "estimate":
+                raise ValueError(
+                    f"the poses of {drone} in {recording.name} were {said}: leave --pose-noise out"
+                )
+            warnings.append(f"poses of {drone}: {said}; left as they are")
+            continue
         noise = _taken(track, given)
         if noise is not None:
             tracks[drone] = steadied(track, noise)
             smoothed[drone] = asdict(noise)
         if given == "estimate":
             warnings.append(f"poses of {drone}: {_found(noise)}")
-    manifest = {**recording.manifest, "pose_noise": smoothed}
+    earlier = {drone: asdict(noise) for drone, noise in before.items()}
+    manifest = {**recording.manifest, "pose_noise": {**earlier, **smoothed}}
     steady = placed_again(recording, tracks, "smoothing")
     return replace(steady, warnings=tuple(warnings), manifest=manifest)
+
+
+def smoothed_by(manifest: Mapping[str, Any]) -> dict[str, PoseNoise]:
+    """By what the poses of each drone were smoothed before, of a file that may say anything."""
+    told = manifest.get("pose_noise")
+    found = {}
+    for drone, noise in told.items() if isinstance(told, Mapping) else ():
+        try:
+            found[str(drone)] = PoseNoise(float(noise["position_m"]), float(noise["attitude_deg"]))
+        except (KeyError, TypeError, ValueError):
+            continue
+    return found
 
 
 def with_doubts(recording: Recording) -> Recording:
@@ -165,10 +192,14 @@ def _stated(position_m: float, attitude_deg: float) -> PoseNoise:
     return PoseNoise(position_m, attitude_deg)
 
 
+def _told(noise: PoseNoise) -> str:
+    return f"{noise.position_m:.2g} m and {noise.attitude_deg:.2g} deg"
+
+
 def _found(noise: PoseNoise | None) -> str:
     if noise is None:
         return f"rows are too far apart to tell their noise (3 within {_CLOSE_ROWS_S:g} s); left as they are"
-    return f"each off by itself by {noise.position_m:.2g} m and {noise.attitude_deg:.2g} deg; smoothed"
+    return f"each off by itself by {_told(noise)}; smoothed"
 
 
 def _off_the_line(rows: NDArray[np.float64], part: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -41,14 +41,14 @@ A frame that arrives late or out of order keeps its stamp in the header; its log
 CameraInfo counts pixels as ROS and OpenCV do, the centre of the first one at (0, 0), ours is at (0.5, 0.5).
 Its cx and cy are ours minus a half; the subtraction is exact for cx, cy >= 0.5.
 
-Metadata records: `crowdfence` (format version, georeference, terrain, how that is read as
-`terrain_options` in JSON, source), `crowdfence.drone` (one per
-drone: its name and its topic prefix, written before its first message, and `pose_gap_s` where its frames
-lie between poses further apart than readers bridge of themselves), `crowdfence.refused` (frames that
-a conversion had to leave out), `crowdfence.warnings` (what was doubtful about the recording that was
-converted), `crowdfence.detector` (the contract of the model that made its heatmaps), and of a simulated
-mission `crowdfence.simulation` (scenario, seed and renderer, first of all) and `crowdfence.statistics` (what
-came out, last of all). The last five hold JSON.
+Metadata records: `crowdfence` (format version, georeference, terrain, how that is read as `terrain_options`
+in JSON, source), `crowdfence.drone` (one per drone: its name and its topic prefix, written before its first
+message, and `pose_gap_s` where its frames lie between poses further apart than readers bridge of themselves),
+`crowdfence.refused` (frames that a conversion had to leave out), `crowdfence.warnings` (what was doubtful
+about the recording that was converted), `crowdfence.alignment` and `crowdfence.pose_noise` (by what its poses
+were put right and smoothed), `crowdfence.detector` (the contract of the model that made its heatmaps), and of
+a simulated mission `crowdfence.simulation` (scenario, seed and renderer, first of all) and
+`crowdfence.statistics` (what came out, last of all). All from `crowdfence.refused` on hold JSON.
 
 A map may lie inside as an attachment (`attached_map`), before the first message, behind those of the files
 that lay beside it and belong to it.
@@ -74,6 +74,7 @@ METADATA_SIMULATION = "crowdfence.simulation"
 METADATA_STATISTICS = "crowdfence.statistics"
 METADATA_ALIGNMENT = "crowdfence.alignment"
 METADATA_DETECTOR = "crowdfence.detector"
+METADATA_POSE_NOISE = "crowdfence.pose_noise"
 
 OF_THE_SOURCE = "before it was converted: "
 """Begins a warning that a file was converted with."""

@@ -33,6 +33,7 @@ from crowdfence.sources.mission.layout import (
     METADATA_DETECTOR,
     METADATA_DRONE,
     METADATA_LAYER,
+    METADATA_POSE_NOISE,
     METADATA_REFUSED,
     METADATA_SIMULATION,
     METADATA_STATISTICS,
@@ -108,7 +109,7 @@ class _Content:
         self.refused: list[RefusedFrame] = []
         self.warnings: list[str] = []
         self.told: dict[str, Any] = {}
-        """What the mission says about itself, by "simulation", "statistics" and "alignment"."""
+        """What the mission says about itself, by "simulation", "statistics", "alignment" and "pose_noise"."""
         self.people: dict[int, MessageLocation] = {}
         """Everybody in the world, by stamp."""
         self.layer_people_m: dict[str, float] = {}
@@ -146,6 +147,8 @@ class _Content:
             self._take_told("alignment", record.metadata.get("offsets", ""))
         elif record.name == METADATA_DETECTOR:
             self._take_told("detector", record.metadata.get("contract", ""))
+        elif record.name == METADATA_POSE_NOISE:
+            self._take_told("pose_noise", record.metadata.get("noise", ""))
 
     def take_message(self, message: StoredMessage) -> None:
         if message.topic == PEOPLE_TOPIC:

@@ -23,6 +23,7 @@ from crowdfence.sources.mission.layout import (
     METADATA_DETECTOR,
     METADATA_DRONE,
     METADATA_LAYER,
+    METADATA_POSE_NOISE,
     METADATA_REFUSED,
     METADATA_SIMULATION,
     METADATA_STATISTICS,
@@ -195,6 +196,10 @@ class MissionWriter(TopicWriter):
     def add_detector(self, contract: Mapping[str, Any]) -> None:
         """What the model that made the heatmaps states about itself, ready for JSON."""
         self.add_metadata(METADATA_DETECTOR, {"contract": json.dumps(contract)})
+
+    def add_pose_noise(self, noise: Mapping[str, Any]) -> None:
+        """By what the poses of each drone were smoothed before they were written, ready for JSON."""
+        self.add_metadata(METADATA_POSE_NOISE, {"noise": json.dumps(noise)})
 
     def add_refused(self, refused: Iterable[RefusedFrame]) -> None:
         """Frames that the source of this mission had but could not pass on; readers report them again."""
