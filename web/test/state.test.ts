@@ -7,7 +7,7 @@ import { byUrgency, isOpen, marks, subjectOf, withAlert } from "../src/state/ale
 import { pauseOf } from "../src/state/pace";
 import { thinned } from "../src/state/thinning";
 import type { Drone } from "../src/api/contract";
-import { agedDrones, behind_s, closedAt, now_ms, older_s, silence_s, sinceFirst } from "../src/state/time";
+import { agedDrones, behind_s, now_ms, older_s, pointAt, silence_s, sinceFirst } from "../src/state/time";
 
 describe("links", () => {
   it("lead back to where they were made", () => {
@@ -67,9 +67,9 @@ describe("a moment that a long time line steps over", () => {
     expect(sinceFirst([], "900000000000000000")).toBe("900000000000000000");
   });
 
-  it("has no figure rather than that of another", () => {
-    expect(closedAt(points, "1767225614000000000")).toBe(500);
-    expect(closedAt(points, "1767225605000000001")).toBeNull();
+  it("has no figures rather than those of another", () => {
+    expect(pointAt(points, "1767225614000000000")?.closed_m2).toBe(500);
+    expect(pointAt(points, "1767225605000000001")).toBeNull();
   });
 });
 

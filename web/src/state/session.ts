@@ -12,7 +12,7 @@ import { keepSettings, readSettings } from "./settings";
 import { StaticZones } from "./static_zones";
 import { store, type Selection, type Time } from "./store";
 import { thinned } from "./thinning";
-import { agedDrones, closedAt, older_s, sinceFirst } from "./time";
+import { agedDrones, older_s, pointAt, sinceFirst } from "./time";
 import { unchanged } from "./unchanged";
 
 const BELIEF_EVERY_MS = 500;
@@ -330,7 +330,7 @@ export async function showPast(stamp_ns: string): Promise<void> {
       if (store.state.time.following) break;
       const arrived = performance.now();
       store.set({
-        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones: kept(zones), drones, lag_s: null, silent_s: null, closed_m2: closedAt(store.state.timeline.points, zones.stamp_ns), arrived },
+        moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones: kept(zones), drones, lag_s: null, silent_s: null, closed_m2: pointAt(store.state.timeline.points, zones.stamp_ns)?.closed_m2 ?? null, arrived },
         belief: parseBelief(belief),
         belief_arrived: arrived,
       });

@@ -56,7 +56,7 @@ export function sinceFirst(points: readonly TimelinePoint[], stamp_ns: string): 
   return points.length && compareStamps(stamp_ns, points[0].stamp_ns) < 0 ? points[0].stamp_ns : stamp_ns;
 }
 
-/** What was closed at a moment; null where the time line steps over it: the figure of another one is not its own. */
-export function closedAt(points: readonly TimelinePoint[], stamp_ns: string): number | null {
-  return points.findLast((point) => point.stamp_ns === stamp_ns)?.closed_m2 ?? null;
+/** The figures of a moment; null where the time line steps over it: those of another one are not its own. */
+export function pointAt(points: readonly TimelinePoint[], stamp_ns: string): TimelinePoint | null {
+  return points.findLast((point) => point.stamp_ns === stamp_ns) ?? null;
 }

@@ -4,7 +4,8 @@ import { useRef } from "preact/hooks";
 import type { TimelinePoint } from "../api/contract";
 import { marks } from "../state/alerts";
 import { goLive, playOrPause, seek, setSpeed, stepBy } from "../state/session";
-import { store, useStore } from "../state/store";
+import { store, useStore, type Moment } from "../state/store";
+import { pointAt } from "../state/time";
 import { dayAndTime, duration, timeOfDay } from "../text/stamp";
 import { area } from "../text/units";
 import { Icon } from "./icons";
@@ -51,7 +52,7 @@ export function TimelinePanel() {
         {points.length > 1 ? <Track points={points} /> : <p class="empty">The time line begins with the second instant.</p>}
         <div class="axis">
           <time>{points.length ? dayAndTime(first, clock, last) : ""}</time>
-          <Key moment_ms={moment?.stamp_ms ?? null} points={points} />
+          <Key moment={moment} points={points} />
           <time>{points.length ? timeOfDay(last, clock) : ""}</time>
         </div>
       </div>
@@ -59,16 +60,17 @@ export function TimelinePanel() {
   );
 }
 
-function Key({ moment_ms, points }: { moment_ms: number | null; points: readonly TimelinePoint[] }) {
+function Key({ moment, points }: { moment: Moment | null; points: readonly TimelinePoint[] }) {
   const units = useStore((state) => state.units);
-  if (moment_ms === null || !points.length) return <span />;
-  const point = points.findLast((one) => one.stamp_ms <= moment_ms + 0.5) ?? points[0];
+  if (moment === null || !points.length) return <span />;
+  const point = pointAt(points, moment.stamp_ns);
+  const figure = (of: (point: TimelinePoint) => number) => (point ? area(of(point), units) : "–");
   return (
     <span class="key">
-      <i class="closed" /> closed {area(point.closed_m2, units)}
-      <i class="crowd" /> crowd {area(point.crowd_m2, units)}
-      <i class="seen" /> seen {area(point.seen_m2, units)}
-      <span class="offset">+{duration((moment_ms - points[0].stamp_ms) / 1000)}</span>
+      <i class="closed" /> closed {figure((one) => one.closed_m2)}
+      <i class="crowd" /> crowd {figure((one) => one.crowd_m2)}
+      <i class="seen" /> seen {figure((one) => one.seen_m2)}
+      <span class="offset">+{duration((moment.stamp_ms - points[0].stamp_ms) / 1000)}</span>
     </span>
   );
 }
