@@ -347,6 +347,18 @@ def test_frames_that_nothing_lays_to_each_other_are_told(tmp_path: Path) -> None
     found = open_recording(write_bag(tmp_path / "fix", "mcap", [*messages, fix_message]))
     (told,) = [warning for warning in found.warnings if "nothing in the bag says" in warning]
     assert "(uav2 in uav2/odom)" in told and "as those of uav1" in told
+    # One origin for both is that of one of them at most; each with its own has it.
+    for names, is_told in ((("origin", "origin"), True), (("uav1/origin", "uav2/origin"), False)):
+        origins = [(f"/{name}", *fix_message[1:]) for name in dict.fromkeys(names)]
+        stated = [
+            f"drone={drone},camera=/{drone}/cam/image_raw/compressed,info=/{drone}/cam/camera_info,"
+            f"camera_pose=/{drone}/cam/pose,origin=/{name}"
+            for drone, name in zip(("uav1", "uav2"), names, strict=True)
+        ]
+        bag = write_bag(tmp_path / f"told_{is_told}", "mcap", [*messages, *origins])
+        warnings = open_recording(bag, topics=stated).warnings
+        doubts = [warning for warning in warnings if "nothing in the bag says" in warning]
+        assert len(doubts) == is_told and all("uav1 in uav1/odom, uav2 in" in doubt for doubt in doubts)
 
 
 def test_frames_of_bags_that_each_drone_recorded_itself(tmp_path: Path) -> None:

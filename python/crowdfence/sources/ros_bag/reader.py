@@ -138,6 +138,7 @@ class _Reader:
             )
         self._require_pictures()
         tracks = {one.drone: self._track(one) for one in chosen}
+        self._unplace_those_of_one_origin()
         if doubt := self.world.doubt(self.placed):
             self.warnings.append(doubt)
         self._doubt_drones_apart([one for one in chosen if not self._doubt_clocks(one)])
@@ -347,6 +348,17 @@ class _Reader:
         place = (origin.latitude_deg, origin.longitude_deg, origin.height_m)
         offset = self.anchor.local_from_geodetic(*place)[0]
         return PoseTrack(track.stamps_ns, track.positions + offset, track.quaternions)
+
+    def _unplace_those_of_one_origin(self) -> None:
+        """One topic that says where the poses of several drones count from says it of one of their frames."""
+        frames: dict[str | None, set[tuple[str, str]]] = {}
+        told_by = {one.drone: self._origin_topic(one) for one in self.chosen}
+        for drone, counted_from in self.world.counted_from.items():
+            frames.setdefault(told_by[drone], set()).add(counted_from)
+        self.placed = [drone for drone in self.placed if len(frames.get(told_by[drone], ())) < 2]
+
+    def _origin_topic(self, one: DroneTopics) -> str | None:
+        return one.origin if one.origin and self.content.fixes.get(one.origin) else one.fix
 
     def _origin(self, one: DroneTopics, track: PoseTrack) -> Georeference | None:
         if one.origin and self.content.fixes.get(one.origin):
