@@ -123,6 +123,30 @@ def test_a_drone_that_sees_nobody_where_another_shows_a_crowd_is_an_alarm_until_
         assert told.cleared_ns is not None
 
 
+def test_a_restart_does_not_take_back_that_a_drone_sees_nobody(tmp_path: Path) -> None:
+    """Its first look after it did, though that denied the crowd as all before: of few looks nobody knows."""
+
+    def give(service: Service, instants: range, blind: bool) -> list[bool]:
+        assert service.live is not None
+        for number in instants:
+            for drone in ("uav1", "uav2"):
+                one = sharp(view(drone, number % 20), blind=blind and drone == "uav2")
+                later_ns = one.stamp_ns + number // 20 * 20 * 200_000_000
+                moved = View(one.drone, later_ns, one.camera, one.world_from_camera, one.heatmap)
+                service.live.intake.give_view(message(moved))
+        settle(service)
+        Watch(service).look()
+        return [one.cleared_ns is None for one in alerts(service, "denied_crowd")]
+
+    with running(tmp_path / "data") as service:
+        assert give(service, range(20), blind=True) == [True]
+    for more in (range(20, 22), range(22, 40)):
+        with running(tmp_path / "data") as service:
+            assert give(service, more, blind=True) == [True]
+    with running(tmp_path / "data") as service:
+        assert give(service, range(40, 44), blind=False) == [False]
+
+
 def test_who_acknowledged_that_a_drone_sees_nobody_is_told_when_it_happens_again(tmp_path: Path) -> None:
     """The first time the others were wrong, say; the second time its lens is covered."""
     with running(tmp_path / "data") as service, asked(service) as http:

@@ -109,6 +109,8 @@ class DeniedCrowd:
         self._lock = Lock()
         self._now: dict[str, _Doubt | None] = {}
         """Of every drone that looked at what others showed."""
+        self._decided: set[str] = set()
+        """Drones of which it was known at some time whether they see anything."""
         self._most: dict[str, _Denials] = {}
         """The longest rows of each drone that are long enough to be told."""
         self._showed_ns: dict[str, int] = {}
@@ -138,6 +140,7 @@ class DeniedCrowd:
         if (mean > 0.5).any():
             self._showed_ns[drone] = max(stamp_ns, self._showed_ns.get(drone, stamp_ns))
             self._now[drone] = None
+            self._decided.add(drone)
             return
         shows_itself = stamp_ns - self._showed_ns.get(drone, -_SHOWS_NS - 1) <= _SHOWS_NS
         if shows_itself or len(shown_ids) < _LEAST_VOXELS:
@@ -148,12 +151,15 @@ class DeniedCrowd:
             return
         if np.mean(there < _NOBODY) < _NEARLY_ALL:
             self._now[drone] = None
+            self._decided.add(drone)
             return
         doubt = self._now.get(drone)
         if doubt is None:
             begun = _Denials.begun(stamp_ns)
             doubt = self._now[drone] = _Doubt(begun, begun, stamp_ns)
         doubt.denied(stamp_ns)
+        if doubt.row.are_many:
+            self._decided.add(drone)
         if doubt.row.are_many and (drone not in self._most or doubt.row.looks > self._most[drone].looks):
             self._most[drone] = doubt.row
 
@@ -184,6 +190,12 @@ class DeniedCrowd:
                 else None
                 for drone, doubt in sorted(self._now.items())
             }
+
+    @property
+    def undecided(self) -> frozenset[str]:
+        """Of them those that saw nobody there so far, in too few looks to say anything."""
+        with self._lock:
+            return frozenset(self._now) - self._decided
 
     @property
     def warnings(self) -> list[str]:

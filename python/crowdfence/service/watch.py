@@ -330,11 +330,14 @@ class Watch:
         self._set(found is not None, "unheeded_crowd", "alarm", text, measure=measure)
 
     def _denied_crowd(self) -> None:
-        """Of drones that looked at nothing that others showed since the start nobody knows: what was raised
-        before stays. What one that is left out sees opens nothing. Who acknowledged it did so for what was
-        seen until then: another occasion is told again."""
+        """Of drones that looked little or not at all at what others showed since the start nobody knows: what
+        was raised before stays. What one that is left out sees opens nothing. Who acknowledged it did so for
+        what was seen until then: another occasion is told again."""
         mission, alerts, now_ns = self._service.mission, self._service.alerts, self._service.now_ns()
+        undecided = mission.denied_crowd.undecided
         for drone, denial in mission.denied_crowd.now(now_ns).items():
+            if denial is None and drone in undecided and drone not in mission.left_out:
+                continue
             known = alerts.active("denied_crowd", drone)
             if denial is None or drone in mission.left_out:
                 self._set(False, "denied_crowd", "alarm", "", drone=drone)
