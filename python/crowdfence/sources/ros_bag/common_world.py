@@ -97,14 +97,18 @@ class CommonWorld:
 
     def _several(self) -> bool:
         """Whether the poses of the drones are in frames of their own: of names of their own, or fixed to a
-        common one each otherwise; those of other recordings may be."""
-        if self.beside_others:
+        common one each otherwise; those of other recordings may be, where nothing lays these on Earth."""
+        if self.beside_others and not self._on_earth():
             return True
         frames = [(one.drone, self._frame(one.camera_pose or one.pose or "")) for one in self.chosen]
         if len({frame for _, frame in frames}) > 1:
             return True
         first, *others = (self._fixed_to(drone, frame)[1] for drone, frame in frames)
         return any(not _same(first, other) for other in others)
+
+    def _on_earth(self) -> bool:
+        topics = (topic for one in self.chosen for topic in (one.origin, one.fix))
+        return any(self.content.fixes.get(topic or "") for topic in topics)
 
     def _fixed_to(self, drone: str, frame: str) -> tuple[str, list[FixedTransform]]:
         """The uppermost frame that a frame is fixed to, and by what; itself where something moves."""

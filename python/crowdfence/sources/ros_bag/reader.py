@@ -83,8 +83,8 @@ class BagOptions:
 
 
 def read_bag(path: Path, limits: Limits, options: BagOptions, *, beside_others: bool = False) -> Recording:
-    """Open a bag. `beside_others`: it is one of several recordings of a fleet, and what it tells to be over
-    the frames of its poses counts.
+    """Open a bag. `beside_others`: it is one of several recordings of a fleet; where it does not say where on
+    Earth its poses are, what it tells to be over their frames counts.
 
     ValueError when it is damaged, names of `topics` are wrong, or no camera with a pose is in it; the message
     then lists the topics that are there.
