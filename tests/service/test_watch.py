@@ -571,6 +571,28 @@ def test_crowd_that_no_setting_lets_become_one_is_an_alarm(
         assert not active(service, "unheeded_crowd"), "a look shows none there"
 
 
+def test_a_restart_does_not_take_back_crowd_for_which_nothing_is_closed(tmp_path: Path) -> None:
+    """Three seconds of looks at other ground did."""
+    config = replace(CONFIG, zones=replace(CONFIG.zones, threshold=1.0))
+    with running(tmp_path, config=config) as service:
+        for number in range(20):
+            service.live.intake.give_view(crowd_at("uav1", number, (30.0, 30.0, 18.0)))
+        service.live.finish()
+        Watch(service).look()
+        assert active(service, "unheeded_crowd")
+    with running(tmp_path, config=config) as service:
+        for number in range(21, 45):
+            service.live.intake.give_view(crowd_at("uav2", number, (12.0, 10.0, 18.0), 0.0))
+        service.live.finish()
+        Watch(service).look()
+        assert active(service, "unheeded_crowd"), "nobody looked there"
+        for number in range(45, 48):
+            service.live.intake.give_view(crowd_at("uav2", number, (30.0, 30.0, 18.0), 0.0))
+        service.live.finish()
+        Watch(service).look()
+        assert not active(service, "unheeded_crowd"), "a look shows none there"
+
+
 def test_false_alarms_that_do_not_last_are_no_unheeded_crowd(tmp_path: Path) -> None:
     """At each look somewhere, and at one place at every other look."""
     config = replace(CONFIG, zones=replace(CONFIG.zones, threshold=1.0))

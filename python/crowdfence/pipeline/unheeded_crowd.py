@@ -3,9 +3,10 @@ not last is none of it; every crowd is, where a threshold or setting is out of r
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable, Mapping, Sequence
 from threading import Lock
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +92,20 @@ class UnheededCrowd:
         """Whether it has seen for long enough to say anything."""
         with self._lock:
             return self._span_ns is not None and self._span_ns[1] - self._span_ns[0] >= LEAST_S * 1e9
+
+    def to_json(self) -> dict[str, Any]:
+        """All that is told of it later depends on."""
+        with self._lock:
+            rows = base64.b64encode(self._rows.tobytes()).decode("ascii")  # as many as a picture has pixels
+            return {"rows": rows, "drones": list(self._drones), "span_ns": self._span_ns}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """What `to_json` gave."""
+        rows = np.frombuffer(base64.b64decode(state["rows"], validate=True), _ROW).copy()
+        span_ns = state["span_ns"]
+        with self._lock:
+            self._rows, self._drones = rows, list(state["drones"])
+            self._span_ns = None if span_ns is None else (span_ns[0], span_ns[1])
 
     def beside(self, closed: Sequence[Zone], threshold: float, least_m2: float) -> Unheeded | None:
         """What is told of it, and how much it is, apart from ground that is closed for whatever reason; None

@@ -206,6 +206,7 @@ class Mission:
             "operator_zones": self.operator_zones.to_json(),
             "left_out": self.left_out.to_json(),
             "still_video": self.still_video.to_json(),
+            "unheeded_crowd": self.unheeded_crowd.to_json(),
         }
         return packed(json.dumps(told).encode(), self.loop.crowd_map.to_bytes(), self.loop.to_bytes())
 
@@ -224,9 +225,12 @@ class Mission:
         still_video.restore(state.get("still_video", {}))  # builds of before did not keep it, nor
         left_out = LeftOut()
         left_out.restore(state.get("left_out", []))  # ... who is left out: they left out nobody
+        unheeded = UnheededCrowd(self.terrain, loop.crowd_map.method.b_threshold)
+        if "unheeded_crowd" in state:  # ... nor crowd for which nothing was closed
+            unheeded.restore(state["unheeded_crowd"])
         zones, marks = operator_zones.applied_to(found, state["stamp_ns"])
         self.loop, self.found, self.operator_zones, self.newest = loop, found, operator_zones, None
-        self.still_video, self.left_out = still_video, left_out
+        self.still_video, self.left_out, self.unheeded_crowd = still_video, left_out, unheeded
         self._seen.begin_anew()
         self._seen.add(loop.crowd_map.seen_ids())
         # Builds of before kept the zones themselves.
