@@ -237,6 +237,29 @@ def test_zones_that_begin_only_later_for_who_reads_them_are_told(
         assert report.get("begins_in_s", 0.0) == (7200.0 if told and kind not in ("geojson", "qgc") else 0.0)
 
 
+@pytest.mark.parametrize("kind", ["ed318", "ed269", "f3548", "kml", "csv", "geojson", "qgc"])
+def test_zones_that_a_forecast_has_ended_for_who_reads_them_now_are_told(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """`paper` forgets: an hour after the flight its files closed nothing; `route` went round the zones."""
+    whole = ZoneHistory.read(run / "zone_history.jsonl")
+    one, other = whole.sets[0]
+    end_ns = START_NS + 3600 * SECOND_NS
+    zones = (replace(one, valid_until_ns=end_ns), replace(other, valid_until_ns=end_ns + 1))
+    sets = [replace(whole.sets[0], zones=zones), *whole.sets[1:]]
+    replace(whole, sets=sets).write(run / "zone_history.jsonl")
+    country = ("--country", "GRC") if kind.startswith("ed") else ()
+    arguments = ("export", run, "-f", kind, *country, "--at", "first", "-o", tmp_path / "zones", "--force")
+    for now_ns, told in ((end_ns - 1, False), (end_ns, True)):
+        monkeypatch.setattr("time.time_ns", lambda now_ns=now_ns: now_ns)
+        done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+        said = " ".join(done.output.split())
+        assert done.exit_code == 0
+        assert ("1 zone ended before now by the forecast" in said) == (
+            told and kind not in ("geojson", "qgc")
+        )
+
+
 @pytest.mark.parametrize("is_over", [False, True])
 def test_zones_that_f3548_ends_before_anybody_opens_them_are_told(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_over: bool

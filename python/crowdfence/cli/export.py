@@ -255,10 +255,13 @@ def _text(kind: ExportFormat, zones: ZoneExport, plan: Path | None, report: dict
     if kind.value in WITHOUT_HOLES:
         report["over_coverage_m2"] = over_coverage_m2(kind.value, zones)
     if kind.value in _WITH_TIMES:
-        report["begins_in_s"] = max(0.0, (zones.stamp_ns - time.time_ns()) / 1e9)
+        now_ns = time.time_ns()
+        report["begins_in_s"] = max(0.0, (zones.stamp_ns - now_ns) / 1e9)
+        ends_ns = [zone.valid_until_ns for zone in zones.zones if zone.valid_until_ns is not None]
+        report["over_by_forecast"] = sum(end_ns <= now_ns for end_ns in ends_ns)
     if kind is ExportFormat.f3548:
-        ends_ns = cut_short_ns(zones)
-        report |= {"cut_short": len(ends_ns), "cut_short_ns": min(ends_ns, default=None)}
+        cut_ns = cut_short_ns(zones)
+        report |= {"cut_short": len(cut_ns), "cut_short_ns": min(cut_ns, default=None)}
     if kind is not ExportFormat.qgc:
         return ZONE_FORMATS[kind.value](zones)
     existing = None if plan is None else _read_plan(plan)
@@ -310,6 +313,11 @@ def _report(report: dict[str, Any], as_json: bool) -> None:
         console.warn(
             f"the zones begin {begin}: readers of {report['format']} take their ground for open until then. "
             "The recording's clock is ahead, as one that shows local time may be"
+        )
+    if ended := report.get("over_by_forecast"):
+        console.warn(
+            f"{counted(ended, 'zone')} ended before now by the forecast that {report['format']} carries: its "
+            "readers take that ground for open, though no look has opened it"
         )
     if report.get("cut_short"):
         console.warn(_cut_short(report))
