@@ -11,8 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crowdfence import open_recording
-from crowdfence.alignment import DroneAlignment, align
+from crowdfence.alignment import Alignment, DroneAlignment, Estimate, align, estimate
 from support.command_line import crowdfence
+from support.foreign_recordings import ground, mission
 from support.painted_flights import (
     Flown,
     Way,
@@ -98,6 +99,46 @@ def test_nothing_is_found_where_nothing_is_wrong(tmp_path: Path) -> None:
     right = only(write_flight(tmp_path / "flight", circling, paint()))
     for one in right.estimates[:4]:
         assert abs(one.value) < (0.02 if one.unit == "s" else 0.1), one
+
+
+def test_a_map_far_too_high_is_told_in_full_or_not_at_all() -> None:
+    """By 12 m, at 30 m above the ground: of two drones 7.4 m and a degree of pitch were told, to 0.3 m and
+    0.2 degrees, by the few places that fit by chance where the pictures were compared."""
+    found = align(mission(), ground(np.array([0.0, 0.0, 12.0])))
+    right = {"pitch": (0.15, 0.25, 0.45), "up": (12.1, 12.1, 12.1)}  # with the map where it is: 0.1 more
+    told = 0
+    for number, drone in enumerate(found.drones):
+        for one in drone.estimates:
+            if one.told and one.quantity in right:
+                assert abs(one.value - right[one.quantity][number]) < 3 * one.error, (drone.drone, one)
+                told += 1
+    assert told >= 2
+
+
+def one_told(up_m: float, error_m: float, *, px: float = 12.0, why_not: str = "") -> DroneAlignment:
+    up = Estimate("up", "m", up_m, error_m, True)
+    return DroneAlignment("uav1", 24, 24, 500, px, 0.7, () if why_not else (up,), why_not)
+
+
+def test_what_pictures_tell_beyond_it_is_added_until_they_tell_no_more(
+    monkeypatch: pytest.MonkeyPatch, wrong_flight: Path
+) -> None:
+    def aligned(*rounds: DroneAlignment) -> DroneAlignment:
+        left = iter(rounds)
+        monkeypatch.setattr(estimate, "_aligned", lambda *_: Alignment((next(left),), 24, 60))
+        (drone,) = align(open_recording(wrong_flight), level()).drones
+        assert next(left, None) is None
+        return drone
+
+    near = aligned(one_told(3.0, 0.2, px=4.0))
+    held = aligned(one_told(3.0, 0.2), one_told(0.3, 0.2, px=0.7))
+    assert near.offset.position_m[2] == held.offset.position_m[2] == 3.0
+    added = aligned(one_told(7.4, 0.3), one_told(4.7, 0.2, px=6.0), one_told(0.1, 0.2, px=0.7))
+    assert added.offset.position_m[2] == pytest.approx(12.1) and added.before_px == 12.0
+    refused = aligned(one_told(7.4, 0.3), one_told(0.0, 0.2, why_not="the poses jump"))
+    assert not refused.told and refused.why_not == "the poses jump"
+    endless = aligned(*(one_told(2.0, 0.2) for _ in range(5)))
+    assert not endless.told and "these tell +2.00 m of up more: it is too far off" in endless.why_not
 
 
 def test_places_are_told_against_each_other(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from crowdfence.alignment.offset_fit import PRIOR, QUANTITIES, UNITS, Disagreeme
 from crowdfence.alignment.pose_jump import PoseJump, find_jump
 from crowdfence.errors import FrameError
 from crowdfence.sources.ground_contact import on_ground
-from crowdfence.sources.pose_offset import PoseOffset
+from crowdfence.sources.pose_offset import PoseOffset, without_offsets
 from crowdfence.sources.pose_track import PoseTrack
 from crowdfence.sources.recording import Frame, Recording
 
@@ -41,6 +41,10 @@ _MUCH_PX, _LEAST_BETTER = 3.0, 0.75
 """Beyond so much, offsets that leave more than this part of the disagreement are not what is wrong: it is
 something that changes, or ground that moves, as water does."""
 _ALIKE = 0.8
+_FAR_PX, _ROUNDS, _WITHIN = 6.0, 3, 2.0
+"""Pictures that put the same place further apart are compared again by what was found, so often at most:
+beyond `_REACH_PX` only those places were found that fit by chance. What they still tell then is nothing up to
+so many standard deviations."""
 
 Progress = Callable[[int], None]
 """Called with the number of steps done since the last call; there are `step_count` of them."""
@@ -128,9 +132,60 @@ def align(
     ValueError for a recording without pictures.
     """
     settled = on_ground(recording, terrain)
+    found = _aligned(settled, terrain, most_frames, progress)
+    for _ in range(_ROUNDS):
+        if not any(one.told and one.before_px > _FAR_PX for one in found.drones):
+            return found
+        again = _aligned(without_offsets(settled, found.offsets()), terrain, most_frames, None)
+        if not any(map(_left, found.drones, again.drones)):
+            return found
+        found = replace(again, drones=tuple(map(_added, found.drones, again.drones)))
+    again = _aligned(without_offsets(settled, found.offsets()), terrain, most_frames, None)
+    return replace(found, drones=tuple(map(_held, found.drones, again.drones)))
+
+
+def _left(found: DroneAlignment, again: DroneAlignment) -> str:
+    """What pictures still tell of poses that were put right by what was found; empty where that holds."""
+    if again.why_not:
+        return again.why_not if found.told else ""
+    before = {one.quantity: one for one in found.estimates if one.told}
+    for one in again.estimates:
+        error = before[one.quantity].error if one.quantity in before else 0.0
+        if one.told and abs(one.value) > _WITHIN * max(error, one.error):
+            return (
+                f"with its poses put right by what its pictures tell, these tell {one.value:+.2f} {one.unit} "
+                f"of {one.quantity} more: it is too far off to be told"
+            )
+    return ""
+
+
+def _added(found: DroneAlignment, again: DroneAlignment) -> DroneAlignment:
+    """What was found, with what the pictures told beyond it."""
+    before_px = found.before_px if np.isfinite(found.before_px) else again.before_px
+    told = {one.quantity: one for one in found.estimates if one.told}
+    estimates = []
+    for one in again.estimates:
+        first = told.get(one.quantity)
+        if first is None:
+            estimates.append(one)
+        elif one.told:
+            estimates.append(replace(one, value=first.value + one.value))
+        else:
+            estimates.append(first)
+    return replace(again, before_px=before_px, estimates=tuple(estimates))
+
+
+def _held(found: DroneAlignment, again: DroneAlignment) -> DroneAlignment:
+    """Nothing, where the pictures never came to an end."""
+    why_not = _left(found, again)
+    return replace(found, estimates=(), why_not=why_not) if why_not else found
+
+
+def _aligned(settled: Recording, terrain: Terrain, most_frames: int, progress: Progress | None) -> Alignment:
+    """What one comparison of the pictures tells of a recording whose heights are settled."""
     frames, greys = _pictures(chosen_frames(settled, most_frames), progress or (lambda done: None))
     if not frames:
-        raise ValueError(f"{recording.name} has no pictures that can be read; alignment compares pictures")
+        raise ValueError(f"{settled.name} has no pictures that can be read; alignment compares pictures")
     names = sorted({frame.drone for frame in frames})
     seen = [
         SeenGround(frame, terrain, frame.world_from_camera, grey)
