@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from crowdfence.sources.pictures.stream import PictureStream, SkippedPicture, St
 from crowdfence.sources.recording import Frame, Pixels, Recording
 
 if TYPE_CHECKING:
+    from crowdfence.detector.contract.contract import Contract
     from crowdfence.detector.detector import Detector
 
 OVERLAY = "overlay.mp4"
@@ -152,16 +153,26 @@ def detect_recording(
                 films.add(frame, heatmap)
             return heatmap
 
-        contract = None if heatmaps.contract is None else heatmaps.contract.to_json()
         conversion = convert(
             thinned,
             path,
             heatmap_of=heatmap_of,
-            detector=contract,
+            detector=None if heatmaps.contract is None else _stated(heatmaps.contract),
             source=source.strip(),
             progress=progress,
         )
     return DetectedRecording(conversion, [] if films is None else films.paths)
+
+
+def _stated(contract: Contract) -> dict[str, Any] | None:
+    """The contract for whoever fuses the heatmaps; None where it says nothing of them, as that of a
+    function."""
+    if not (contract.rates or contract.validity or contract.target_height_m is not None):
+        return None
+    if contract.input.multiple_of % contract.output.stride:
+        # Of a combination the stride is the finest, and the input that of its first: no model has both.
+        contract = replace(contract, output=replace(contract.output, stride=1))
+    return contract.to_json()
 
 
 def _require_place(folder: Path, source: Path | None, *, replace_existing: bool) -> None:

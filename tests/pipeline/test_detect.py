@@ -134,6 +134,9 @@ def test_heatmaps_made_before_count_for_what_the_calibration_of_their_detector_s
     assert run_of(tmp_path / "again.mcap").crowd_map.to_bytes() == expected.crowd_map.to_bytes()
     convert(open_recording(tmp_path / "seen.mcap"), tmp_path / "anew.mcap", heatmap_of=red)
     assert run_of(tmp_path / "anew.mcap").crowd_map.to_bytes() == plain.crowd_map.to_bytes()
+    bare = Detector.from_callable(lambda image: image[::4, ::4, 0] / 255.0, stride=4)
+    detect_recording(recording, heatmap_source(bare, None, 300.0), tmp_path / "function.mcap")
+    assert run_of(tmp_path / "function.mcap").threshold == plain.threshold
     (row,) = score(found.recording, terrain, [RunConfig()]).rows
     assert row.config.method == expected.config.method
 
