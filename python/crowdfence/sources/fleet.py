@@ -63,7 +63,8 @@ def joined(recordings: Sequence[Recording]) -> Recording:
 
 def _detectors_doubt(recordings: Sequence[Recording]) -> str:
     """Of heatmaps that are weighed by what their detector's calibration says, where it is that of all."""
-    made = {str(one["name"]) for told in recordings if (one := told.manifest.get("detector")) is not None}
+    told = (one.manifest["detector"] for one in recordings if one.manifest.get("detector") is not None)
+    made = {str(one.get("name")) if isinstance(one, dict) else "no contract" for one in told}
     if not made or _manifest(recordings).get("detector") is not None:
         return ""
     return (
@@ -150,8 +151,9 @@ def _read(log: PeopleLog, stamp_ns: int) -> RecordedPeople:
 
 
 def _manifest(recordings: Sequence[Recording]) -> dict[str, Any]:
-    """What each says, by what the poses of any drone were put right: that goes with the poses; and which
-    detector made the heatmaps of all."""
+    """What each says, by what the poses of any drone were put right: that goes with the poses; and what is
+    the same of all: which detector made the heatmaps, and of which simulation they are, which says what a
+    crowd is."""
     manifest: dict[str, Any] = {"kind": "fleet", "recordings": [one.manifest for one in recordings]}
     righted = {
         drone: offsets
@@ -160,11 +162,10 @@ def _manifest(recordings: Sequence[Recording]) -> dict[str, Any]:
         if (offsets := alignments_of(one.manifest, drone))
     }
     told: dict[str, Any] = {"alignment": righted} if righted else {}
-    # Of one mission in parts, and of heatmaps that one detector made.
-    for what in ("simulation", "detector"):
-        said = [one.manifest.get(what) for one in recordings]
-        if said[0] is not None and all(one == said[0] for one in said):
-            told[what] = said[0]
+    for what in ("detector", "simulation"):
+        first, *others = (one.manifest.get(what) for one in recordings)
+        if first is not None and all(one == first for one in others):
+            told[what] = first
     smoothed = {
         drone: asdict(noise) for one in recordings for drone, noise in smoothed_by(one.manifest).items()
     }

@@ -17,6 +17,7 @@ from crowdfence.evaluation.statistics.observed_range import ObservedRange
 from crowdfence.evaluation.voxels.labelled_projection import LabelledObservation, LabelledProjection
 from crowdfence.evaluation.voxels.likelihood_ratio import BORROWED, likelihood_ratio
 from crowdfence.evaluation.voxels.rates import ProjectionSettings, VoxelRateCounter
+from crowdfence.sources.fleet import joined
 from crowdfence.sources.recorded_truth import FrameTruth, PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Frame, PixelSources, Recording
 from crowdfence.truth.at_exposure import crowd_definition
@@ -314,3 +315,7 @@ def test_the_definition_of_a_crowd_is_the_recordings() -> None:
     simulated = {"simulation": {"scenario": {"crowd_definition": {"min_people": 5, "radius_m": 1.5}}}}
     assert crowd_definition(simulated) == {"radius_m": 1.5, "min_people": 5}
     assert crowd_definition({"kind": "folder"}) == {"radius_m": 2.0, "min_people": 3}
+    # Of the drones of one simulation in files of their own too: they fell back to three people within 2 m.
+    one = Recording("a", ("a",), (), None, None, (), (), simulated, {})
+    fleet = joined([one, replace(one, name="b", drones=("b",))])
+    assert crowd_definition(fleet.manifest) == {"radius_m": 1.5, "min_people": 5}
