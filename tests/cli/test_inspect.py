@@ -221,7 +221,7 @@ def test_drones_that_no_instant_holds_together_have_no_offset(tmp_path: Path) ->
 def test_the_origin_that_is_given_is_where_the_recording_lies(recording: Path) -> None:
     """As `run` publishes it; the flight says nothing of it itself."""
     assert report(recording)["georeference"] is None
-    place = {"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200.0}
+    place = {"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200.0, "of_map": False}
     told = report(recording, "--origin", "46.5,8.0,1200")
     assert told["terrain"] is None and told["georeference"] == place
     terrain = write_octomap(recording.parent / "plain.bt", plain())
@@ -386,7 +386,8 @@ def test_airsim_and_its_mission_file_agree(tmp_path: Path) -> None:
     assert "dem.tif" in first["terrain"]["problem"]  # it holds no GeoTIFF
     for same in ("drones", "instants", "georeference", "first_frame", "last_frame", "refused"):
         assert first[same] == second[same]
-    assert first["georeference"] == {"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200.0}
+    place = {"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200.0, "of_map": False}
+    assert first["georeference"] == place
     (camera,) = first["drones"][0]["cameras"]
     assert camera["hfov_deg"] == pytest.approx(80.0)
     assert first["drones"][0]["pixels"]["depth"] == 6

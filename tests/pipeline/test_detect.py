@@ -26,6 +26,7 @@ from crowdfence.config import OrConfig, PaperConfig, ProjectionConfig, RunConfig
 from crowdfence.detector.detector import Detector
 from crowdfence.errors import FrameError
 from crowdfence.evaluation.replay import measured_rates, score
+from crowdfence.georeference import Georeference
 from crowdfence.heatmap_files import detect_recording
 from crowdfence.pipeline import choose_detector, heatmap_source
 from crowdfence.run_summary import heatmaps_of
@@ -142,7 +143,8 @@ def test_heatmaps_made_before_count_for_what_the_calibration_of_their_detector_s
 
 
 def test_heatmaps_of_several_detectors_are_told(tmp_path: Path) -> None:
-    recording = Recording("a", ("a",), (), None, None, (), (), {"detector": {"name": "one"}}, {})
+    place = Georeference(46.5, 8.0, 1200.0)  # else their frames would be told too
+    recording = Recording("a", ("a",), (), place, None, (), (), {"detector": {"name": "one"}}, {})
     others = [replace(recording, name="b", drones=("b",), manifest=told) for told in ({}, recording.manifest)]
     fleet = joined([recording, others[0]])
     (said,) = fleet.warnings
