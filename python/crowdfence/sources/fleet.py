@@ -79,8 +79,8 @@ def _frame_doubt(recordings: Sequence[Recording]) -> str:
     if recordings[0].georeference is not None:
         return ""
     known = [frames for one in recordings if (frames := _local_frames(one)) is not None]
-    if len(known) == len(recordings):
-        return _bags_doubt(known)
+    if len(known) == len(recordings) and (doubt := _bags_doubt(known)):
+        return doubt
     return (
         f"{', '.join(one.name for one in recordings)} do not say where on Earth their (0, 0, 0) lies: it is "
         "taken to be one; where each counts from a place of its own, as its take-off, what one drone sees is "
