@@ -154,7 +154,7 @@ def test_a_margin_is_worked_out_once_for_zones_that_stay(answers: Answers) -> No
     [
         (401, b'{"detail": "no token"}', "no token (401); give --token"),
         (404, b"<html>", "Not Found (404)"),
-        (422, b'{"detail": [1]}', "Unprocessable Entity (422)"),
+        (410, b'{"detail": [1]}', "Gone (410)"),
     ],
 )
 def test_a_refusal_is_told_in_its_words(answers: Answers, status: int, body: bytes, said: str) -> None:

@@ -231,3 +231,14 @@ def test_stamps_of_numpy_are_written_and_read(tmp_path: Path) -> None:
     history = ZoneHistory(np.array([0, SECOND_NS]), sets, None, {})
     history.write(tmp_path / "history.jsonl")
     assert ZoneHistory.read(tmp_path / "history.jsonl").stamps_ns == [0, SECOND_NS]
+
+
+def test_a_zone_that_no_look_made_is_the_same_when_it_comes_again() -> None:
+    """It knows no probability, and no NaN is another: with Python 3.13 a fence was written to the vehicle
+    once a second."""
+    one, two = (Zone.of_no_look("CTR", shapely.box(0, 0, 9, 9), "static", "given") for _ in range(2))
+    assert one == two and hash(one) == hash(two) and len({one, two}) == 1
+    assert one == dataclasses.replace(two, probability_max=float("nan"))
+    for changes in ({"probability_max": 0.5}, {"id": "Z1"}, {"polygon": shapely.box(0, 0, 9, 8)}):
+        assert one != dataclasses.replace(two, **changes) and dataclasses.replace(two, **changes) != one
+    assert one != "CTR"

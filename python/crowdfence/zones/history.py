@@ -9,6 +9,7 @@ Coordinates are local metres, every digit kept.
 from __future__ import annotations
 
 import json
+import math
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -288,7 +289,7 @@ def zone_of_record(record: Mapping[str, Any], before: Mapping[str, Zone] | None 
         elif values[name] is not None:
             values[name] = polygon_of(values[name])
     for name in ("probability_max", "probability_mean"):
-        values[name] = float("nan") if values[name] is None else values[name]
+        values[name] = math.nan if values[name] is None else values[name]
     values["seen_by"] = tuple(values["seen_by"])
     values["band"] = AltitudeBand(*values["band"])
     values["interval"] = None if values["interval"] is None else tuple(values["interval"])

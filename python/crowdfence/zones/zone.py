@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, overload
 
@@ -90,6 +90,16 @@ class Zone:
     `upper_m` say nothing."""
     name: str | None = None
     """What the file of somebody else calls it, where its id does not say so."""
+
+    def __eq__(self, other: object) -> bool:
+        """All of both is the same. In the comparison that a dataclass has by itself no NaN is another one,
+        from Python 3.13 on, and zones that no look made would be new ones whenever they come."""
+        if not isinstance(other, Zone):
+            return NotImplemented
+        pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(self))
+        return self is other or all(
+            mine == theirs or (mine != mine and theirs != theirs) for mine, theirs in pairs
+        )
 
     @classmethod
     def of_no_look(

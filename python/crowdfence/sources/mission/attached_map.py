@@ -50,8 +50,8 @@ def attach_map(mcap: Writer, path: Path) -> None:
     if size > MAX_MAP_BYTES:
         raise ValueError(
             f"the map {path} has {size / 1e9:.1f} GB, too much to put into a recording (limit "
-            f"{MAX_MAP_BYTES / 1e9:.1f} GB): leave it out (--without-map), and name it where the recording is "
-            "used (--terrain)"
+            f"{MAX_MAP_BYTES / 1e9:.1f} GB): leave it out (--without-map), and name it where the recording "
+            "is used (--terrain)"
         )
     for one in beside:
         _require_no_others(one.name, one.read_bytes())
