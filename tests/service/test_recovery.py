@@ -329,6 +329,7 @@ def test_commits_behind_a_flipped_bit_of_the_log_are_told(tmp_path: Path) -> Non
         count, text = alert.text.split(maxsplit=1)
         assert int(count) >= 13 and alert.level == "alarm"  # a commit for each at least
         assert text.startswith(f"commits at the end of {FILE}-wal cannot be read and are left out")
+        service.store.flush()  # the alarm, with which the log begins anew
         crash(tmp_path / "crashed", tmp_path / "again")
     with running(tmp_path / "again", settings=_no_snapshots()) as service:  # no longer in the log
         assert service.store.lost_commits == 0
