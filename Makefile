@@ -6,7 +6,7 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 
 MISSIONS ?= out/missions
 
-.PHONY: help demo test test-rust test-python test-oldest test-training test-service-kill soak-service bench-service \
+.PHONY: help demo test test-rust test-python test-oldest test-newest test-training test-service-kill soak-service bench-service \
 	lint fuzz bench bench-rivals lock clean setup wheel setup-rivals setup-training stub opengl demo-recording detector paper \
 	cli-reference page test-page test-web chromium page-picture docs api-reference
 
@@ -87,6 +87,11 @@ test-oldest: wheel opengl ## Python tests with Python 3.10 and the lowest versio
 	$(OLDEST)/bin/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile -p no:schemathesis \
 	  --ignore=tests/page --ignore=tests/detector_training --ignore=tests/test_wheel.py \
 	  --ignore=tests/service/test_description.py
+
+# The lock gives later Pythons other packages: 3.12 and newer have another numpy, and 3.13 compares dataclasses otherwise.
+NEWEST_PYTHON ?= python3.13
+test-newest: ## Python tests with a newer Python than the usual: NEWEST_PYTHON=/path/to/python3.13
+	$(MAKE) test-python VENV=out/newest PYTHON=$(NEWEST_PYTHON)
 
 # Node comes with the locked Python packages and runs nothing but the build and the tests of the page.
 WEB  := $(filter-out web/node_modules/%,$(shell find web -path web/node_modules -prune -o -type f -print))
