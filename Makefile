@@ -39,7 +39,7 @@ $(VENV)/.installed: requirements.txt
 
 $(VENV)/.built: $(VENV)/.installed $(CORE)
 	@$(OWN_VENV)
-	PIP_QUIET=1 $(BIN)/maturin develop --release --locked --quiet
+	PIP_QUIET=1 VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --quiet
 	@touch $@
 
 wheel: setup page ## the package with core, models and map page, to install elsewhere: out/wheels/
