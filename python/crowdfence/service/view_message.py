@@ -170,10 +170,10 @@ class ViewMessage(BaseModel):
         if self.image is None:
             raise ValueError("there is no image")
         body, camera = _decoded(self.image), self.camera.camera()
-        pose, nobody = self._pose(), np.zeros((1, 1), np.uint8)
-        View(self.drone, self.stamp_ns, camera, pose, nobody)  # refuses a wrong pose now
+        pose = self._pose()
+        View(self.drone, self.stamp_ns, camera, pose, np.zeros((1, 1), np.uint8))  # refuses a wrong pose now
         if mask is not None:
-            mask.over(nobody, camera.width, camera.height)
+            mask.require_fit(camera.width, camera.height)
         return Frame(self.drone, self.stamp_ns, camera, pose, PixelSources(image=lambda: body), mask=mask)
 
 

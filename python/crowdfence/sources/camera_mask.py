@@ -60,16 +60,20 @@ class CameraMask:
         """Of the picture that is hidden."""
         return float(self.hidden.mean()) if self.hidden.size else 0.0
 
-    def over(self, heatmap: ArrayLike, width: int, height: int) -> Any:
-        """The heatmap [r, c] of a picture of `width` x `height` with the cells masked that reach into what is
-        hidden, beside those that are masked already. What is no heatmap stays as it is. ValueError for a
-        picture of other proportions than the mask."""
+    def require_fit(self, width: int, height: int) -> None:
+        """ValueError for pictures of other proportions than the mask."""
         rows, columns = self.hidden.shape
         if abs(columns * height / (rows * width) - 1.0) > _MOST_STRETCHED:
             raise ValueError(
                 f"the camera mask is {columns} x {rows}, and pictures of {width} x {height} have other "
                 "proportions: make it of one of these pictures"
             )
+
+    def over(self, heatmap: ArrayLike, width: int, height: int) -> Any:
+        """The heatmap [r, c] of a picture of `width` x `height` with the cells masked that reach into what is
+        hidden, beside those that are masked already. What is no heatmap stays as it is. ValueError as for
+        `require_fit`."""
+        self.require_fit(width, height)
         if np.ndim(heatmap) != 2 or np.size(heatmap) == 0:
             return heatmap
         hidden = self.cells(*np.shape(heatmap))

@@ -33,10 +33,9 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                 f"{_place(first.georeference)}): only recordings of one frame make a fleet"
             )
     with_map = next((one for one in recordings if one.terrain is not None), first)
-    people = _people(recordings)
-    doubts = [
-        told for told in (people.unreadable, _frame_doubt(recordings), _detectors_doubt(recordings)) if told
-    ]
+    people, manifest = _people(recordings), _manifest(recordings)
+    of_detectors = "" if "detector" in manifest else _detectors_doubt(recordings)
+    doubts = [told for told in (people.unreadable, _frame_doubt(recordings), of_detectors) if told]
     return replace(
         first,
         name="+".join(one.name for one in recordings),
@@ -48,7 +47,7 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         terrain_options=with_map.terrain_options,
         refused=tuple(refusal for one in recordings for refusal in one.refused),
         warnings=tuple(dict.fromkeys([*(said for one in recordings for said in one.warnings), *doubts])),
-        manifest=_manifest(recordings),
+        manifest=manifest,
         pose_tracks={drone: track for one in recordings for drone, track in one.tracks().items()},
         ground_contacts={
             drone: contact for one in recordings for drone, contact in one.ground_contacts.items()
@@ -62,10 +61,11 @@ def joined(recordings: Sequence[Recording]) -> Recording:
 
 
 def _detectors_doubt(recordings: Sequence[Recording]) -> str:
-    """Of heatmaps that are weighed by what their detector's calibration says, where it is that of all."""
+    """Of recordings that one detector did not make all heatmaps of: these are weighed by what its calibration
+    says only where it did; empty where none says who made them."""
     told = (one.manifest["detector"] for one in recordings if one.manifest.get("detector") is not None)
     made = {str(one.get("name")) if isinstance(one, dict) else "no contract" for one in told}
-    if not made or _manifest(recordings).get("detector") is not None:
+    if not made:
         return ""
     return (
         f"not all heatmaps were made by one detector ({', '.join(sorted(made))}): taken as recorded, none "
@@ -97,7 +97,7 @@ def _bags_doubt(told: Sequence[Mapping[str, tuple[str, str]]]) -> str:
         for number, frames in enumerate(told)
         for frame, whose in frames.values()
     }
-    if len(told) < 2 or len(origins) < 2:
+    if len(origins) < 2:
         return ""
     named = (f"{drone} in {frame or '(no frame)'}" for frames in told for drone, (frame, _) in frames.items())
     return (

@@ -9,7 +9,7 @@ from os import PathLike
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crowdfence.errors import FrameError, quoted
+from crowdfence.errors import quoted
 from crowdfence.sources.camera_mask import CameraMask
 from crowdfence.sources.recording import Recording
 
@@ -47,11 +47,11 @@ def with_camera_masks(recording: Recording, masks: Mapping[str, CameraMask]) -> 
         replace(frame, mask=masks[frame.drone]) if frame.drone in masks else frame
         for frame in recording.frames
     )
-    for frame in frames:
-        if frame.mask is not None:
-            try:
-                frame.masked(np.zeros((1, 1)))
-            except FrameError as error:
-                raise ValueError(f"{frame.drone}: {error.reason}") from error
+    for drone, width, height in sorted({(one.drone, one.camera.width, one.camera.height) for one in frames}):
+        try:
+            if drone in masks:
+                masks[drone].require_fit(width, height)
+        except ValueError as error:
+            raise ValueError(f"{drone}: {error}") from error
     hidden = {drone: round(mask.share, 4) for drone, mask in masks.items()}
     return replace(recording, frames=frames, manifest={**recording.manifest, "hidden_by_camera_mask": hidden})

@@ -109,7 +109,8 @@ class _Content:
         self.refused: list[RefusedFrame] = []
         self.warnings: list[str] = []
         self.told: dict[str, Any] = {}
-        """What the mission says about itself, by "simulation", "statistics", "alignment" and "pose_noise"."""
+        """What the mission says about itself, by "simulation", "statistics", "alignment", "detector"
+        and "pose_noise"."""
         self.people: dict[int, MessageLocation] = {}
         """Everybody in the world, by stamp."""
         self.layer_people_m: dict[str, float] = {}
