@@ -10,8 +10,10 @@ import pytest
 from crowdfence.georeference import Georeference
 from crowdfence.sources import open_recording
 from crowdfence.sources.convert import convert
+from crowdfence.sources.fleet import joined
 from crowdfence.sources.layers import LayerGround
 from crowdfence.sources.mission.writer import MissionWriter
+from crowdfence.sources.moved_frame import in_frame
 from crowdfence.sources.recorded_truth import RecordedPeople
 from crowdfence.truth.at_exposure import crowd_definition
 from support.foreign_recordings import camera_pose_messages, picture_messages, write_bag
@@ -83,6 +85,16 @@ def test_the_world_of_any_of_them_is_that_of_the_fleet(tmp_path: Path) -> None:
         found = fleet.people_truth(stamp_ns)
         assert found is not None and found.position[0, 0] == east_m
     assert list(fleet.layer_grounds) == ["landing-site"]
+
+
+def test_one_world_recorded_from_two_places_is_one(tmp_path: Path) -> None:
+    """Feet are kept in single precision: moved into another frame they come back a millimetre off."""
+    one = mission(tmp_path / "a.mcap", "uav1", {EPOCH_NS: 0.0})
+    elsewhere = in_frame(open_recording(one), Georeference(46.52, 8.04, 1350.0))
+    renamed = replace(elsewhere, drones=("uav2",), pose_tracks={"uav2": elsewhere.tracks()["uav1"]})
+    fleet = joined([open_recording(one), renamed])
+    assert not fleet.people.unreadable
+    assert list(fleet.people.stamps_ns) == [EPOCH_NS]
 
 
 def test_two_worlds_are_none(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Several recordings as one fleet, in the local frame of the first."""
+"""Several recordings as one fleet, in the local frame of the one whose map is used, else of the first."""
 
 from __future__ import annotations
 
@@ -9,30 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from crowdfence.georeference import Georeference
+from crowdfence.sources.moved_frame import in_frame
 from crowdfence.sources.pose_noise import smoothed_by
 from crowdfence.sources.pose_offset import alignments_of
 from crowdfence.sources.recorded_truth import PeopleLog, RecordedPeople
 from crowdfence.sources.recording import Recording
 from crowdfence.sources.ros_bag.own_frame import COUNTED_FROM
 
+_SAME_PLACE_M = 0.01
+
 
 def joined(recordings: Sequence[Recording]) -> Recording:
-    """One recording of all drones.
+    """One recording of all drones, those with other local frames moved into one.
 
-    ValueError when two have a drone of the same name, or local frames that are not one.
+    ValueError when two have a drone of the same name, or some say where on Earth they are and others do not.
     """
+    recordings = _in_one_frame(recordings)
     first = recordings[0]
     drones = [drone for one in recordings for drone in one.drones]
     if twice := {drone for drone in drones if drones.count(drone) > 1}:
         raise ValueError(f"two of the recordings have a drone {min(twice)!r}")
-    for one in recordings:
-        if one.georeference != first.georeference:
-            raise ValueError(
-                f"{one.name} and {first.name} have local frames of their own ({_place(one.georeference)}, "
-                f"{_place(first.georeference)}): only recordings of one frame make a fleet"
-            )
-    with_map = next((one for one in recordings if one.terrain is not None), first)
+    with_map = _with_map(recordings)
     people, manifest = _people(recordings), _manifest(recordings)
     of_detectors = "" if "detector" in manifest else _detectors_doubt(recordings)
     doubts = [told for told in (people.unreadable, _frame_doubt(recordings), of_detectors) if told]
@@ -58,6 +55,27 @@ def joined(recordings: Sequence[Recording]) -> Recording:
             layer: ground for one in reversed(recordings) for layer, ground in one.layer_grounds.items()
         },
     )
+
+
+def _in_one_frame(recordings: Sequence[Recording]) -> list[Recording]:
+    # A map without a place on Earth lies in the frame of its own recording.
+    common = _with_map(recordings).georeference
+    if common is None and all(one.georeference is None for one in recordings):
+        return list(recordings)
+    if nowhere := [one for one in recordings if one.georeference is None]:
+        somewhere = next(one for one in recordings if one.georeference is not None)
+        raise ValueError(
+            f"{somewhere.name} says where on Earth its local frame lies and {nowhere[0].name} does not: "
+            "nobody knows how one lies to the other; record the place in it too (origin= or fix= in --topics "
+            "of a bag), or leave it out"
+        )
+    assert common is not None
+    return [in_frame(one, common) for one in recordings]
+
+
+def _with_map(recordings: Sequence[Recording]) -> Recording:
+    """The one whose map is that of all, if any has one."""
+    return next((one for one in recordings if one.terrain is not None), recordings[0])
 
 
 def _detectors_doubt(recordings: Sequence[Recording]) -> str:
@@ -142,7 +160,10 @@ def _same_people(log: PeopleLog, other: PeopleLog, stamp_ns: int) -> bool:
         one, two = _read(log, stamp_ns), _read(other, stamp_ns)
     except ValueError:  # said where it is read
         return True
-    return np.array_equal(one.position, two.position) and np.array_equal(one.crowd, two.crowd)
+    if not np.array_equal(one.crowd, two.crowd):
+        return False
+    # Rounded to single precision before one of them was moved into the frame of the other.
+    return np.allclose(one.position, two.position, rtol=0.0, atol=_SAME_PLACE_M)
 
 
 def _read(log: PeopleLog, stamp_ns: int) -> RecordedPeople:
@@ -179,9 +200,3 @@ def names_of(paths: Sequence[Path]) -> list[str]:
         stem if stems.count(stem) == 1 else f"{path.resolve().parent.name}_{stem}"
         for path, stem in zip(paths, stems, strict=True)
     ]
-
-
-def _place(georeference: Georeference | None) -> str:
-    if georeference is None:
-        return "nowhere on Earth"
-    return f"{georeference.latitude_deg:.6f}, {georeference.longitude_deg:.6f}"

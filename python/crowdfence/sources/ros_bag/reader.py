@@ -29,6 +29,7 @@ from crowdfence.georeference import Georeference
 from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.camera_info import is_rectified
+from crowdfence.sources.moved_frame import FrameMove
 from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import PixelSources, Recording
@@ -345,9 +346,7 @@ class _Reader:
             self.anchor = origin
         if self.anchor == origin:
             return track
-        place = (origin.latitude_deg, origin.longitude_deg, origin.height_m)
-        offset = self.anchor.local_from_geodetic(*place)[0]
-        return PoseTrack(track.stamps_ns, track.positions + offset, track.quaternions)
+        return FrameMove.between(origin, self.anchor).track(track)
 
     def _unplace_those_of_one_origin(self) -> None:
         """One topic that says where the poses of several drones count from says it of one of their frames."""
