@@ -16,6 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crowdfence import Camera, open_recording
+from crowdfence.georeference import Georeference
 from crowdfence.sources.convert import convert
 from crowdfence.sources.ros_bag.common_world import heading_doubt
 from crowdfence.sources.ros_bag.picture import encoded_picture
@@ -359,6 +360,40 @@ def test_frames_that_nothing_lays_to_each_other_are_told(tmp_path: Path) -> None
         warnings = open_recording(bag, topics=stated).warnings
         doubts = [warning for warning in warnings if "nothing in the bag says" in warning]
         assert len(doubts) == is_told and all("uav1 in uav1/odom, uav2 in" in doubt for doubt in doubts)
+
+
+@pytest.mark.parametrize("bags", [1, 2])
+def test_drones_that_each_say_where_on_earth_they_count_from(tmp_path: Path, bags: int) -> None:
+    """Two bags, which is how drones record, were refused; in one the second was not turned."""
+    ours, begin = mission().georeference, {"uav1": [0.0, 0.0, 0.0], "uav2": [900.0, -700.0, 40.0]}
+    assert ours is not None
+    recorded = []
+    for drone, place in begin.items():
+        latitude, longitude, height = (float(one[0]) for one in ours.geodetic_from_local(place))
+        own = Georeference(latitude, longitude, height)
+        told = picture_messages(drone, OPTICAL)
+        fix = {"header": header(rows()[0].stamp_ns, "map"), "latitude": latitude, "longitude": longitude}
+        fix |= {"altitude": height}
+        told.append((f"/{drone}/origin", "sensor_msgs/msg/NavSatFix", rows()[0].stamp_ns, fix))
+        for row in rows(drone):
+            # Where the camera is and what lies 1 m along each of its axes, by way of their degrees.
+            marks = row.position + np.vstack([np.zeros(3), row.turn.as_matrix().T])
+            at = own.local_from_geodetic(*ours.geodetic_from_local(marks))
+            seen = pose(at[0], Rotation.from_matrix((at[1:] - at[0]).T))
+            fields = {"header": header(row.stamp_ns, "map"), "pose": seen}
+            told.append((f"/{drone}/cam/pose", POSE, row.stamp_ns, fields))
+        recorded.append(told)
+    if bags == 1:
+        recorded = [[*recorded[0], *recorded[1]]]
+    paths = [write_bag(tmp_path / f"bag{number}", "mcap", told) for number, told in enumerate(recorded)]
+    topics = [
+        f"drone={drone},camera=/{drone}/cam/image_raw/compressed,info=/{drone}/cam/camera_info,"
+        f"camera_pose=/{drone}/cam/pose,heatmap=/{drone}/heatmap,origin=/{drone}/origin"
+        for drone in begin
+    ]
+    found = open_recording(paths[0], topics=topics) if bags == 1 else open_recording(paths)
+    assert_same_frames(found, ("uav1", "uav2"), 1e-5)
+    assert not any("nothing in the" in warning for warning in found.warnings)
 
 
 def test_frames_of_bags_that_each_drone_recorded_itself(tmp_path: Path) -> None:

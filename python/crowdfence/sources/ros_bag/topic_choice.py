@@ -35,6 +35,7 @@ ROLES: dict[str, tuple[str, ...]] = {
 
 _NO_CAMERA = re.compile(r"depth|disparity|heatmap|truth|mask|segment|confidence|theora|thermal|/ir\b|infra")
 _NO_POSE = re.compile(r"setpoint|target|goal|cmd|command|reference|truth|home|trajectory|desired")
+_ORIGIN = re.compile(r"(origin|datum)[^/]*$")
 _HEATMAP = re.compile(r"heatmap")
 
 
@@ -267,9 +268,9 @@ def _around(eye: str, topics: Mapping[str, BagTopic]) -> DroneTopics:
         camera_pose=nearest((POSE,), named=re.compile("cam")),
         tf=nearest(TF_TYPES, but=re.compile("_static$")) or nearest(TF_TYPES),
         pose=nearest((ODOMETRY, *POSES)),
-        fix=nearest((FIX,)),
+        fix=nearest((FIX,), but=_ORIGIN),
         imu=nearest((IMU,)),
-        origin=nearest((ORIGIN,)),
+        origin=nearest((ORIGIN,)) or nearest((FIX,), named=_ORIGIN),
     )
 
 
