@@ -140,6 +140,19 @@ def test_masks_are_where_their_pixels_are(tmp_path: Path, packed: bool) -> None:
     assert (drawn & ~binary_dilation(mask, np.ones((3, 3)))).sum() == 0 and (mask & ~drawn).sum() == 0
 
 
+def test_the_hole_of_an_ignored_mask_counts(tmp_path: Path) -> None:
+    """Who masks all but a field had the field ignored too: its crowd was in no figure, without a word."""
+    mask = np.ones((48, 64), np.bool_)
+    mask[8:40, 4:20], mask[10:20, 30:50] = False, False
+    ignored = {"category_id": 3, "segmentation": {"counts": run_lengths(mask), "size": [48, 64]}}
+    categories = [{"id": 1, "name": "person"}, {"id": 3, "name": "ignored"}]
+    path = written(tmp_path, document(ignored, categories=categories))
+    write_coco(read_coco(path), path)
+    drawn = picture_labels(read_coco(path)[0]).ignored
+    # As above, edges of outlines are drawn too: a pixel at most.
+    assert drawn[mask].all() and not drawn[~binary_dilation(mask, np.ones((3, 3)))].any()
+
+
 def test_masks_that_are_groups_of_people_are_told_of(tmp_path: Path) -> None:
     """CVAT exports every mask with iscrowd: 1: people painted one by one were crowds, and nothing said so."""
     mask = {"segmentation": {"counts": [10, 5, 64 * 48 - 15], "size": [48, 64]}}

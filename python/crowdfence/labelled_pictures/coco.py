@@ -182,7 +182,8 @@ def _picture(
         if role == "person":
             people.append(_person(mark, where, width, height))
             continue
-        outlines = _outlines(mark, where, width, height)
+        # Ground in the hole of what is ignored, such as all around a field, was labelled as any other.
+        outlines = _outlines(mark, where, width, height, filled=role == "crowd")
         if role == "crowd" and not any(map(_has_area, outlines)):
             raise AnnotationError(f"{where} is a crowd without area: its corners lie in one line")
         polygons[role] += outlines
@@ -213,7 +214,9 @@ def _person(mark: Mapping[str, Any], where: str, width: int, height: int) -> lis
     return [float(value) for value in people_in_boxes(np.concatenate([low, high - low]))[0]]
 
 
-def _outlines(mark: Mapping[str, Any], where: str, width: int, height: int) -> list[Polygon]:
+def _outlines(
+    mark: Mapping[str, Any], where: str, width: int, height: int, *, filled: bool = True
+) -> list[Polygon]:
     """Polygons of a mark, at least one; its box where it has none."""
     outline = mark.get("segmentation")
     if isinstance(outline, list) and outline:
@@ -225,7 +228,7 @@ def _outlines(mark: Mapping[str, Any], where: str, width: int, height: int) -> l
                 )
         return [np.array(one, np.float64).reshape(-1, 2) for one in polygons]
     if outline and isinstance(outline, dict):
-        if not (parts := mask_outlines(outline, width, height, where)):
+        if not (parts := mask_outlines(outline, width, height, where, filled=filled)):
             raise AnnotationError(f"{where}.segmentation is a mask without a pixel")
         return parts
     if (box := _box(mark, where)) is not None:

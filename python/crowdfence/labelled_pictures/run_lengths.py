@@ -10,21 +10,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crowdfence.errors import quoted
 from crowdfence.labelled_pictures.annotated_picture import AnnotationError, Polygon
 
+if TYPE_CHECKING:
+    from shapely import Polygon as Part
+
 _DIGIT, _SIGN, _MORE = 0x1F, 0x10, 0x20
 _LONGEST = 8
 """Digits of a number; one of more is damage."""
 
 
-def mask_outlines(mask: Mapping[str, Any], width: int, height: int, where: str) -> list[Polygon]:
-    """The outlines of a mask of a picture; its holes count as inside, which errs towards crowd.
-    AnnotationError for one of another size, or damaged."""
+def mask_outlines(
+    mask: Mapping[str, Any], width: int, height: int, where: str, *, filled: bool = True
+) -> list[Polygon]:
+    """The outlines of a mask of a picture. Its holes count as inside, which errs towards crowd, or where not
+    `filled` lie in none of the outlines. AnnotationError for one of another size, or damaged."""
     import shapely
 
     size, counts = mask.get("size"), mask.get("counts")
@@ -42,8 +47,22 @@ def mask_outlines(mask: Mapping[str, Any], width: int, height: int, where: str) 
     inside = [(int(begin), int(end)) for begin, end in list(pairwise(ends.tolist()))[::2] if end > begin]
     boxes = [box for begin, end in inside for box in _boxes(begin, end, height)]
     joined = shapely.union_all([shapely.box(*box) for box in boxes])
-    parts = shapely.get_parts(joined)
+    parts = shapely.get_parts(joined).tolist()
+    parts = parts if filled else [piece for part in parts for piece in _without_holes(part)]
     return [np.array(part.exterior.coords, np.float64)[:-1] for part in parts]
+
+
+def _without_holes(part: Part) -> list[Part]:
+    """The part, cut from top to bottom through its holes."""
+    import shapely
+
+    if not part.interiors:
+        return [part]
+    left, top, right, bottom = part.bounds
+    across = float(np.median([hole.centroid.x for hole in part.interiors]))
+    halves = shapely.box([left, across], top, [across, right], bottom)
+    pieces = shapely.get_parts(shapely.intersection(part, halves)).tolist()
+    return [whole for piece in pieces if piece.area for whole in _without_holes(piece)]
 
 
 def _boxes(begin: int, end: int, height: int) -> list[tuple[int, int, int, int]]:
