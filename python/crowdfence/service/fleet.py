@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from threading import Lock
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,6 @@ _LEAPS = 4
 """Of them: one reset of a position is one leap, one wrong fix is two."""
 _LEAP_M, _LEAP_MPS = 30.0, 100.0
 """No small drone goes so far so fast."""
-
-DroneStatus = Literal["ok", "stale", "never", "unknown"]
-"""Unknown: of then nobody knows any more whether it had given a view."""
 
 
 class Fleet:
@@ -111,6 +108,7 @@ class Fleet:
             track = self._tracks[drone]
             last, trail = track.at(at_ns), track.trail(at_ns, TRAIL) if trails else None
         if last is None:
+            # Of then nobody knows any more whether it had given a view.
             is_lost = at_ns is not None and (track.has_forgotten or at_ns <= self.restarted_ns)
             return {**_NEVER, "drone": drone, "status": "unknown" if is_lost else "never"}
         age_s = ((now_ns if at_ns is None else at_ns) - last.stamp_ns) / _SECOND_NS
