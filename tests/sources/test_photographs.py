@@ -147,6 +147,33 @@ def test_other_heights_stay_what_they_were(tmp_path: Path, xmp: str, above: str)
 
 
 @pytest.mark.parametrize(
+    ("version", "mark", "above", "height_m"),
+    [
+        (b"0300", b"\0", "ellipsoid", 30.0),
+        (b"0300", b"\1", "ellipsoid", -30.0),
+        (b"0300", b"\2", "sea", 30.0),
+        (b"0300", b"\3", "sea", -30.0),
+        (b"0310", b"\0", "ellipsoid", 30.0),
+        (b"0232", b"\0", "sea", 30.0),  # whose 0 and 1 are of the sea
+        (b"0232", b"\1", "sea", -30.0),
+    ],
+)
+def test_what_exif_means_by_its_marks_of_heights(
+    tmp_path: Path, version: bytes, mark: bytes, above: Any, height_m: float
+) -> None:
+    """Version 3.0 gave the old marks another meaning: cameras were put 48 m too high."""
+    path = tmp_path / "a.jpg"
+    place, xmp = (46.5, 8.0, height_m), dji((0.0, -90.0, 0.0))
+    write_photograph(
+        path, frames()[0].image(), 10**18, place, xmp, focal_mm35=24, exif_version=version, altitude_ref=mark
+    )
+    found = open_recording(path, heights=above, geoid_m=48.0 if above == "sea" else None)
+    assert found.georeference is not None
+    height = found.georeference.height_m + found.frames[0].world_from_camera[2, 3]
+    assert height == pytest.approx(height_m + (48.0 if above == "sea" else 0.0), abs=1e-3)
+
+
+@pytest.mark.parametrize(
     ("make", "xmp"),
     [
         ("Autel Robotics", 'Camera:Yaw="90.0" Camera:Pitch="66.04" Camera:Roll="0.0"'),  # as pix4d means it

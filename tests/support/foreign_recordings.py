@@ -433,6 +433,8 @@ def write_photograph(
     digital_zoom: float | None = None,
     size_taken: tuple[int, int] | None = None,
     datum: str | None = None,
+    exif_version: bytes | None = None,
+    altitude_ref: bytes = b"\0",
 ) -> Path:
     picture, exif = Image.fromarray(image), Image.Exif()
     taken = datetime.fromtimestamp(stamp_ns // 10**9, timezone.utc)
@@ -440,6 +442,8 @@ def write_photograph(
     more = exif.get_ifd(ExifTags.IFD.Exif)
     more[ExifTags.Base.DateTimeOriginal] = f"{taken:%Y:%m:%d %H:%M:%S}"
     more[ExifTags.Base.SubsecTimeOriginal] = f"{stamp_ns % 10**9 // 1000:06d}"
+    if exif_version is not None:
+        more[ExifTags.Base.ExifVersion] = exif_version
     if focal_mm35 is not None:
         more[ExifTags.Base.FocalLengthIn35mmFilm] = round(focal_mm35)
     if focal_mm is not None:
@@ -451,7 +455,7 @@ def write_photograph(
     gps = exif.get_ifd(ExifTags.IFD.GPSInfo)
     latitude, longitude, height = place
     gps |= {1: "N" if latitude >= 0 else "S", 2: degrees(latitude), 3: "E" if longitude >= 0 else "W"}
-    gps |= {4: degrees(longitude), 5: b"\0", 6: IFDRational(round(height * 1000), 1000)}
+    gps |= {4: degrees(longitude), 5: altitude_ref, 6: IFDRational(round(abs(height) * 1000), 1000)}
     if datum is not None:
         gps[ExifTags.GPS.GPSMapDatum] = datum
     exif.get_ifd(ExifTags.IFD.GPSInfo).update(gps)

@@ -10,9 +10,11 @@ Angles, by maker (degrees; ours: yaw clockwise from north, pitch -90 straight do
     others                                                                      roll of senseFly is mirrored;
                                                                                 some of Autel's say ours
 
-EXIF says "above sea level" of every height. Some are above the ellipsoid, tens of metres away, and XMP tells:
-Camera:VertCS "ellipsoidal" (pix4d's tags: senseFly, Autel, ...), and drone-dji:RtkFlag, with which DJI's
-absolute altitude is the "geodetic" one of its manuals. Of some cameras only documentation says it.
+Up to version 2.32, EXIF says "above sea level" of every height. Some are above the ellipsoid, tens of metres
+away, and XMP tells: Camera:VertCS "ellipsoidal" (pix4d's tags: senseFly, Autel, ...), and drone-dji:RtkFlag,
+with which DJI's absolute altitude is the "geodetic" one of its manuals. Of some cameras only documentation
+says it. Since version 3.0 the same marks (GPSAltitudeRef 0 and 1) mean the ellipsoid, and new ones (2 and 3)
+the sea.
 """
 
 from __future__ import annotations
@@ -49,8 +51,12 @@ _SKYDIO_END = re.compile(rb"/>|</drone-skydio:CameraOrientationNED")
 _NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,30})?)(?:/(\d{1,9}))?(?![.,]?\d)")
 """None with a decimal comma, whose digits behind it would be lost."""
 _ANGLES = ("Yaw", "Pitch", "Roll")
-_BELOW = (1, 3, b"\x01", b"\x03")
-"""GPSAltitudeRef of heights that are to be taken negative; 3 since EXIF 3.0."""
+_BELOW = (1, 3)
+"""GPSAltitudeRef of heights that are to be taken negative."""
+_OF_SEA = (2, 3)
+"""GPSAltitudeRef, since EXIF 3.0, of heights above or below the sea; the others are of the ellipsoid."""
+_NEW_MARKS = b"0300"
+"""ExifVersion since which that holds."""
 _ELLIPSOIDAL = ("ANAFIAI", "FC6310R", "S.O.D.A.", "AERIAX")
 """Cameras whose photographs say nothing of it: Parrot's by its "Embedded Photo Metadata", the Phantom 4 RTK
 and senseFly's as PIX4Dmatic takes them."""
@@ -132,7 +138,7 @@ def read_tags(path: Path) -> PhotographTags:
         or xmp.get("drone-dji:DroneSerialNumber", ""),
         place=_place(gps, xmp),
         other_datum="" if _place({}, xmp) else _other_datum(exif_text(gps.get(ExifTags.GPS.GPSMapDatum))),
-        heights_m=_heights(gps, xmp, model),
+        heights_m=_heights(gps, xmp, model, more.get(ExifTags.Base.ExifVersion)),
         attitude_ned=_attitude(xmp, head, make),
         unusable_attitude=_unusable(xmp, make),
         body_ned=_turn([xmp.get(f"drone-dji:Flight{name}Degree") for name in _ANGLES]),
@@ -255,24 +261,31 @@ def _is_place(latitude: float | None, longitude: float | None) -> bool:
     return on_earth(latitude, longitude)
 
 
-def _heights(gps: Mapping[int, Any], xmp: Mapping[str, str], model: str) -> dict[HeightsAbove, float]:
+def _heights(
+    gps: Mapping[int, Any], xmp: Mapping[str, str], model: str, exif_version: Any
+) -> dict[HeightsAbove, float]:
     heights: dict[HeightsAbove, float | None] = {}
     heights["take-off"] = _number(xmp.get("drone-dji:RelativeAltitude"))
     absolute = _number(gps.get(ExifTags.GPS.GPSAltitude))
+    of_ellipsoid = False
     if absolute is None:
         absolute = _number(xmp.get("drone-dji:AbsoluteAltitude") or xmp.get("drone-skydio:AbsoluteAltitude"))
-    elif gps.get(ExifTags.GPS.GPSAltitudeRef) in _BELOW:
-        absolute = -absolute
-    heights["ellipsoid" if _above_ellipsoid(xmp, model) else "sea"] = absolute
+    else:
+        marked = gps.get(ExifTags.GPS.GPSAltitudeRef)
+        reference = marked[0] if isinstance(marked, bytes) and marked else marked
+        absolute = -absolute if reference in _BELOW else absolute
+        is_new = isinstance(exif_version, bytes) and exif_version >= _NEW_MARKS
+        of_ellipsoid = is_new and reference is not None and reference not in _OF_SEA
+    heights["ellipsoid" if _above_ellipsoid(xmp, model, of_ellipsoid) else "sea"] = absolute
     return {above: value for above, value in heights.items() if value is not None}
 
 
-def _above_ellipsoid(xmp: Mapping[str, str], model: str) -> bool:
-    """Whether the absolute height counts from the ellipsoid, whatever EXIF calls it."""
+def _above_ellipsoid(xmp: Mapping[str, str], model: str, by_exif: bool) -> bool:
+    """Whether the absolute height counts from the ellipsoid, whatever EXIF calls it where XMP says so."""
     if said := xmp.get("Camera:VertCS"):
         return said.lower().startswith("ellips")
     by_rtk = (_number(xmp.get("drone-dji:RtkFlag")) or 0) >= _RTK_POSITION
-    return by_rtk or model.replace(" ", "").upper().startswith(_ELLIPSOIDAL)
+    return by_exif or by_rtk or model.replace(" ", "").upper().startswith(_ELLIPSOIDAL)
 
 
 def _degrees(value: Any, side: Any, sides: str) -> float | None:
