@@ -24,11 +24,13 @@ from crowdfence import Terrain, _core, open_recording, pipeline
 from crowdfence.cli.app import app
 from crowdfence.config import OrConfig, PaperConfig, ProjectionConfig, RunConfig
 from crowdfence.detector.detector import Detector
+from crowdfence.detector.model_check import check_model
 from crowdfence.errors import FrameError
 from crowdfence.evaluation.replay import measured_rates, score
 from crowdfence.georeference import Georeference
 from crowdfence.heatmap_files import detect_recording
 from crowdfence.pipeline import choose_detector, heatmap_source
+from crowdfence.pipeline.detector_review import review_detector
 from crowdfence.run_summary import heatmaps_of
 from crowdfence.sources.convert import convert
 from crowdfence.sources.fleet import joined
@@ -443,6 +445,23 @@ def test_a_model_that_sees_pictures_far_smaller_is_told(
     assert review is not None
     (warning,) = (one for one in review.warnings if "shrunk" in one)
     assert warning.startswith("the detector small is shown pictures of 32 x 24 pixels shrunk to 8 x 6, half")
+
+
+@pytest.mark.parametrize(("stated_m", "given_m", "told"), [(90, None, 1), (90, 0.9, 0), (2.5, None, 0)])
+def test_a_height_in_centimetres_is_told(
+    recorded: Path, terrain: Terrain, tmp_path: Path, stated_m: float, given_m: float | None, told: int
+) -> None:
+    """Crowds lay tens of metres beside where they stood, and nothing said so."""
+    detector = Detector(write_map_model(tmp_path / "m.onnx", contract(target_height_m=stated_m)))
+    config = replace(CONFIG, projection=replace(CONFIG.projection, target_height_m=given_m))
+    review = review_detector(
+        heatmap_source(detector, terrain, 300.0), open_recording(recorded), terrain, config
+    )
+    assert review is not None
+    assert (
+        sum("marks what is 90 m above the ground (target_height_m)" in one for one in review.warnings) == told
+    )
+    assert len(check_model(tmp_path / "m.onnx").warnings) == (stated_m == 90)
 
 
 @pytest.mark.parametrize("people_first", [False, True])

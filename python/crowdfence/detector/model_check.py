@@ -14,7 +14,7 @@ from crowdfence.detector.contract.contract import Contract
 from crowdfence.detector.detector import AnyContract, Detector
 from crowdfence.detector.execution_device import Device
 from crowdfence.detector.same_answer import SameAnswer
-from crowdfence.detector.validity import shrunk_warning, silence_warning
+from crowdfence.detector.validity import height_warning, shrunk_warning, silence_warning
 from crowdfence.errors import DetectorError
 
 ASSUMED_GSD_M = 0.1
@@ -43,13 +43,14 @@ class ModelCheck:
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful about the heatmap, the size of the picture and the stated rates, one sentence
-        each."""
+        """What is doubtful about the heatmap, the size of the picture, the stated height and rates, one
+        sentence each."""
         answer = SameAnswer(self.contract)
         answer.add(self.heatmap)
         height, width = self.image.shape[:2]
         shrunk = shrunk_warning(self.contract, width, height)
-        return [warning for warning in (answer.warning, shrunk, silence_warning(self.contract)) if warning]
+        stated = (height_warning(self.contract), silence_warning(self.contract))
+        return [warning for warning in (answer.warning, shrunk, *stated) if warning]
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the pixels."""

@@ -26,6 +26,8 @@ QUANTILES = (0.05, 0.5, 0.95)
 MOST_VOXEL_RATIO = 1.5
 MOST_SHRUNK = 0.5
 """Pictures that a model is shown at less than this share of their width or height are worth a warning."""
+HIGHEST_PEOPLE_M = 3.0
+"""Nothing of people who stand on the ground is higher."""
 
 Quantity = Literal["gsd_m", "distance_m", "tilt_deg"]
 _NAMES: dict[Quantity, tuple[str, str]] = {
@@ -245,6 +247,19 @@ def silence_warning(contract: Contract) -> str | None:
     if found and false and found["rate"] <= false["rate"]:
         return f"{statement} (TPR {found['rate']:g}, FPR {false['rate']:g}): {advice}"
     return None
+
+
+def height_warning(contract: Contract) -> str | None:
+    """One sentence where a contract puts what the heatmap marks higher above the ground than people reach, as
+    their height in centimetres: crowds would lie as much too near to the drones as it is too high."""
+    height_m = contract.target_height_m
+    if height_m is None or height_m <= HIGHEST_PEOPLE_M:
+        return None
+    return (
+        f"the contract of {contract.name} says that its heatmap marks what is {height_m:g} m above the "
+        f"ground (target_height_m): no people are, and seen at 45 degrees a crowd is put {height_m:g} m "
+        "nearer to the drone than it stands; is it in metres?"
+    )
 
 
 def _percent(share: float) -> str:

@@ -64,9 +64,9 @@ def review_flight(
 
 def review_statement(contract: Contract, layer: str, terrain: Terrain, *configs: RunConfig) -> list[str]:
     """What can be said before there is a flight: the contract against map and configurations."""
-    from crowdfence.detector.validity import statement_warnings
+    from crowdfence.detector.validity import height_warning, statement_warnings
 
-    return [
+    warnings = [
         warning
         for config in configs
         for warning in statement_warnings(
@@ -79,6 +79,10 @@ def review_statement(contract: Contract, layer: str, terrain: Terrain, *configs:
             weighed_as=_weighed_as(config, layer),
         )
     ]
+    goes_by_contract = any(config.projection.target_height_m is None for config in configs)
+    if layer == CROWD and goes_by_contract and (too_high := height_warning(contract)):
+        warnings.append(too_high)
+    return warnings
 
 
 def _require_no_crowd(contract: Contract, layer: str) -> None:
