@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from crowdfence.sources.film.tlog import read_tlog
@@ -21,7 +22,8 @@ Told = tuple[float, float, float]
 
 
 def position(boot_s: float, height_m: float) -> mavlink.MAVLink_message:
-    place = [round(boot_s * 1e3), 465000000, 80000000, round(height_m * 1e3), 0]
+    heights_mm = [round(height_m * 1e3), round((height_m - 500) * 1e3)]  # its home lies at 500 m
+    place = [round(boot_s * 1e3), 465000000, 80000000, *heights_mm]
     return mavlink.MAVLink_global_position_int_message(*place, 0, 0, 0, 0)
 
 
@@ -123,18 +125,20 @@ def test_attitudes_of_another_system_are_never_those_of_the_drone(tmp_path: Path
     assert log.remarks == ["a.tlog holds the positions of several drones: system 1 is taken, not 2"]
 
 
+def told(boot_s: float, longitude: int, height_m: float, above_home_m: float) -> list[Any]:
+    place = [465000000, longitude, round(height_m * 1e3), round(above_home_m * 1e3)]
+    at = mavlink.MAVLink_global_position_int_message(round(boot_s * 1e3), *place, 0, 0, 0, 0)
+    return [at, camera(boot_s)]
+
+
+def home(longitude: int, height_m: float) -> mavlink.MAVLink_message:
+    place = [465000000, longitude, round(height_m * 1e3)]
+    return mavlink.MAVLink_home_position_message(*place, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+
+
 def test_a_home_that_moves_does_not_move_the_flight_before(tmp_path: Path) -> None:
     """An autopilot sets its home anew when it is armed again: after a landing 600 m further east, on ground
     40 m higher, its heights above the take-off begin at 0 there."""
-
-    def told(boot_s: float, longitude: int, height_m: float, above_home_m: float) -> list[Any]:
-        place = [465000000, longitude, round(height_m * 1e3), round(above_home_m * 1e3)]
-        at = mavlink.MAVLink_global_position_int_message(round(boot_s * 1e3), *place, 0, 0, 0, 0)
-        return [at, camera(boot_s)]
-
-    def home(longitude: int, height_m: float) -> mavlink.MAVLink_message:
-        place = [465000000, longitude, round(height_m * 1e3)]
-        return mavlink.MAVLink_home_position_message(*place, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
 
     west, east = 80000000, 80078300  # 600 m at 46.5 degrees north
     flights = [home(west, 500.0), *(m for t in ticks(50) for m in told(5 + t, west, 530.0, 30.0))]
@@ -147,15 +151,34 @@ def test_a_home_that_moves_does_not_move_the_flight_before(tmp_path: Path) -> No
     assert np.allclose(log.heights_m["take-off"][50:], 20.0)
     assert [one for one in log.remarks if "its home moved by 600 m" in one]
 
-    again = [home(west + 500, 503.0) if one.get_type() == "HOME_POSITION" else one for one in flights]
+    again = [home(west, 500.0), *(m for t in ticks(50) for m in told(5 + t, west, 530.0, 30.0))]
+    again += [home(west + 500, 503.0), *(m for t in ticks(50) for m in told(10 + t, west, 523.0, 20.0))]
     path.write_bytes(b"".join(record(number / 20, message) for number, message in enumerate(again)))
     log = read_tlog(path)  # the same place to some metres: every flight counts from its own
     assert np.allclose(log.heights_m["take-off"][:50], 30.0) and not log.remarks
+    assert np.allclose(log.heights_m["take-off"][50:], 20.0)
 
     lost = mavlink.MAVLink_home_position_message(0, 0, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)  # before a fix
     told_late = [lost, *(one for one in flights if one.get_type() != "HOME_POSITION")]
     path.write_bytes(b"".join(record(number / 20, message) for number, message in enumerate(told_late)))
     assert read_tlog(path).take_off is None
+
+
+@pytest.mark.parametrize("second_is_told", [True, False])
+def test_a_home_that_is_set_anew_in_the_air_does_not_lower_the_flight(
+    tmp_path: Path, second_is_told: bool
+) -> None:
+    """It hovers 50 m above the ground at 500 m; half-way its home is set 30 m above that ground, and from
+    then on it says 20 m."""
+    west = 80000000
+    flight = [home(west, 500.0), *(m for t in ticks(50) for m in told(5 + t, west, 550.0, 50.0))]
+    flight += [home(west, 530.0)] if second_is_told else []
+    flight += [m for t in ticks(50) for m in told(10 + t, west, 550.0, 20.0)]
+    path = tmp_path / "a.tlog"
+    path.write_bytes(b"".join(record(number / 20, message) for number, message in enumerate(flight)))
+    log = read_tlog(path)
+    assert len(log.time_s) == 100 and np.allclose(log.heights_m["take-off"], 50.0)
+    assert [one for one in log.remarks if "count from 500 to 530 m above the sea" in one]
 
 
 def test_positions_without_a_fix_are_told(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from crowdfence.errors import one_line
@@ -36,6 +37,8 @@ _METRES_PER_E7 = 0.01113
 """Of a great circle, in degrees of 1e-7."""
 _SAME_HOME_M = 10.0
 """Homes no further apart are one: a receiver tells the same place anew by some metres."""
+_SAME_HEIGHT_M = 5.0
+"""The same of their heights, with what barometers drift by."""
 
 
 def read_tlog(path: Path) -> FlightLog:
@@ -58,16 +61,17 @@ def log_of_boots(boots: Sequence[Boot], start_ns: int | None, remarks: Sequence[
         "latitude": [one.lat / 1e7 for one in places],
         "longitude": [one.lon / 1e7 for one in places],
         "sea": [one.alt / 1e3 for one in places],
-        "take-off": [one.relative_alt / 1e3 for one in places],
     }
     homes = [one for one in _all(boots, "HOME_POSITION") if one.latitude or one.longitude]
     if (moved_m := _moved_m(homes)) > _SAME_HOME_M:
-        last_m = position["sea"][-1] - position["take-off"][-1]
+        last_m = (places[-1].alt - places[-1].relative_alt) / 1e3
         position["take-off"] = [height_m - last_m for height_m in position["sea"]]
         said.append(
             f"its home moved by {moved_m:.0f} m: heights above the take-off count from the last one, also of "
             "the time before, by those above the sea"
         )
+    else:
+        position["take-off"] = [height_m for boot in boots for height_m in _above_home_m(boot, said)]
     turns = _all(boots, "ATTITUDE_QUATERNION")
     rows = [[one.q1, one.q2, one.q3, one.q4] for one in turns]
     body = Turns.of(_times_s(boots, "ATTITUDE_QUATERNION"), rows)
@@ -83,6 +87,23 @@ def log_of_boots(boots: Sequence[Boot], start_ns: int | None, remarks: Sequence[
         take_off=(homes[-1].latitude / 1e7, homes[-1].longitude / 1e7) if homes else None,
         remarks=said,
     )
+
+
+def _above_home_m(boot: Boot, remarks: list[str]) -> list[float]:
+    """Heights of a boot's positions above its home, metres. One that is set anew in the air is no ground, and
+    does not take the flight down with it: the lowest that was told counts for all."""
+    places = boot.messages[PLACE]
+    counted_m = [(one.alt - one.relative_alt) / 1e3 for one in places if one.lat or one.lon]
+    if not counted_m or max(counted_m) - min(counted_m) <= _SAME_HEIGHT_M:
+        return [one.relative_alt / 1e3 for one in places]
+    told_m = [one.altitude / 1e3 for one in boot.messages["HOME_POSITION"] if one.altitude]
+    home_m = min(told_m, default=median(counted_m))
+    remarks.append(
+        f"its heights above the take-off count from {min(counted_m):.0f} to {max(counted_m):.0f} m above the "
+        f"sea, as where home is set anew: all are counted from {home_m:.0f} m, by those above the sea; "
+        "--heights sea uses these alone"
+    )
+    return [one.alt / 1e3 - home_m for one in places]
 
 
 def _moved_m(homes: Sequence[Any]) -> float:
