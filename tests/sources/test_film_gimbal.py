@@ -23,7 +23,7 @@ DOWN_45 = [np.cos(np.pi / 8), 0.0, -np.sin(np.pi / 8), 0.0]
 LOCK, VEHICLE, EARTH = 16, 32, 64
 OTHERS = 4 | 8
 """ROLL_LOCK and PITCH_LOCK, which say nothing about yaw."""
-TIMES = np.arange(5.0)
+TIMES = np.arange(5) / 4
 
 
 def looks_towards_deg(quaternions: np.ndarray) -> float:
@@ -62,7 +62,7 @@ def test_a_contradictory_row_is_left_out_and_the_others_stay() -> None:
     body = Turns.of(TIMES, [EAST] * 5)
     remarks: list[str] = []
     found = gimbal_turns(TIMES, [DOWN_45] * 5, [64, 64, 96, 32, 64], body, remarks)
-    assert found is not None and found.time_s.tolist() == [0, 1, 3, 4] and len(remarks) == 1
+    assert found is not None and found.time_s.tolist() == [0, 0.25, 0.75, 1] and len(remarks) == 1
 
 
 def test_a_yaw_from_the_heading_needs_the_heading() -> None:
@@ -267,6 +267,44 @@ def test_a_mount_that_does_not_tell_its_yaw_from_north_looks_nowhere(tmp_path: P
     else:
         assert log.camera_ned is None
         assert any("yaw_absolute is 0 in all 10 MOUNT_ORIENTATION" in remark for remark in log.remarks)
+
+
+@pytest.mark.parametrize("every_s", [0.1, 1.0])
+def test_a_turn_that_nobody_told_is_not_made_up(tmp_path: Path, every_s: float) -> None:
+    """20 s of a gimbal that looks along the heading of a drone, which turns from north to east from 10.1 s to
+    11.1 s. Its ATTITUDE comes every 0.1 s and is lost for 2 s around that, or comes every second."""
+    arrived = []
+    for number in range(200):
+        time_s = number / 10
+        boot_ms, yaw = 5000 + number * 100, np.radians(90.0) * np.clip(time_s - 10.1, 0.0, 1.0)
+        messages = [
+            mavlink.MAVLink_global_position_int_message(
+                boot_ms, 465000000, 80000000, 530000, 30000, 0, 0, 0, 0
+            ),
+            mavlink.MAVLink_gimbal_device_attitude_status_message(
+                0, 0, boot_ms, VEHICLE, [1.0, 0.0, 0.0, 1e-6], 0.0, 0.0, 0.0, 0
+            ),
+        ]
+        lost = 9.15 < time_s < 11.15 if every_s < 1 else number % 10 > 0
+        if not lost:
+            messages.append(mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, float(yaw), 0.0, 0.0, 0.0))
+        arrived.append((1_700_000_000_000_000 + number * 100_000, messages))
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(tlog(arrived))
+    log = read_tlog(path)
+    assert log.camera_ned is not None
+    told = np.isfinite(log.camera_ned).all(axis=1)
+    seen_s, seen = log.time_s[told], log.camera_ned[told]
+    if every_s < 1:
+        assert len(seen) > 170 and not np.any((seen_s > 9.15) & (seen_s < 11.15)) and not log.remarks
+        assert all(
+            abs(looks_towards_deg(row[None]) - (0.0 if time_s < 10 else 90.0)) < 0.1
+            for time_s, row in zip(seen_s, seen, strict=True)
+        )
+    else:  # the usual pause is bridged, and told: 60 / 8 degrees
+        assert len(seen) > 180
+        (said,) = log.remarks
+        assert "come every 1.0 s" in said and "up to 8 degrees elsewhere" in said
 
 
 def test_a_px4_log_of_a_locked_gimbal_in_the_vehicle_frame(tmp_path: Path) -> None:

@@ -25,6 +25,9 @@ _YAW_IN_VEHICLE_FRAME = 32
 _YAW_IN_EARTH_FRAME = 64
 _BOTH_FRAMES = _YAW_IN_VEHICLE_FRAME | _YAW_IN_EARTH_FRAME
 
+_OFTEN_S = 0.25
+"""Attitudes that come no more seldom tell how a drone turns."""
+
 
 def one_gimbal(rows: Mapping[tuple[int, int], int], where: str, remarks: list[str]) -> tuple[int, int]:
     """Of several gimbals the first of those that tell about as often as any: between two of them no camera
@@ -68,6 +71,13 @@ def gimbal_turns(
             f"({told[contradictory][0]}) yaw counts from the drone's heading and from north"
         )
     if not from_north.all():
+        if body is not None and body.usual_step_s > _OFTEN_S:
+            # A straight line over a step t is a t^2 / 8 off at an acceleration a.
+            remarks.append(
+                "attitudes of the drone, from whose heading the gimbal's yaw counts, come every "
+                f"{body.usual_step_s:.1f} s: where it begins or ends a turn, by 60 deg/s2, the camera looks "
+                f"up to {60 * body.usual_step_s**2 / 8:.0f} degrees elsewhere"
+            )
         turned = np.full_like(turns, np.nan) if body is None else multiply(headings(body.at(time)), turns)
         turns = np.where(from_north[:, None], turns, turned)
     return Turns.of(time, np.where(contradictory[:, None], np.nan, turns))

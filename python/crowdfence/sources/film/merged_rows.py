@@ -10,10 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from crowdfence.sources.film.flight_log import FlightLog
 from crowdfence.sources.geographic_track import HeightsAbove
+from crowdfence.sources.place_camera import Limits
 from crowdfence.sources.rotation import are_unset
 
 _LONGEST_GAP_S = 2.1
 """Positions come once a second at the least; a longer pause stays a gap."""
+_TURNS_GAP_S = Limits().max_pose_gap_s
+"""A drone turns sooner than it is elsewhere: attitudes are bridged over this, or over a pause that is usual
+among them."""
 UNSET_BODY = (
     "are level and due north to the last digit, as where nobody tells them: what a "
     "camera saw that hangs on it by --mount, or on a gimbal that counts from its heading, is put anywhere; "
@@ -41,11 +45,17 @@ class Turns:
             return None
         return cls(time[usable][order], turn[usable][order])
 
+    @property
+    def usual_step_s(self) -> float:
+        return float(np.median(np.diff(self.time_s)))
+
     def at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """[M, 4] by slerp; NaN outside and in gaps."""
         from scipy.spatial.transform import Rotation, Slerp
 
-        inside = (time_s >= self.time_s[0]) & (time_s <= self.time_s[-1]) & _close(self.time_s, time_s)
+        gap_s = min(max(_TURNS_GAP_S, 1.5 * self.usual_step_s), _LONGEST_GAP_S)
+        inside = (time_s >= self.time_s[0]) & (time_s <= self.time_s[-1])
+        inside &= _close(self.time_s, time_s, gap_s)
         turns = Slerp(self.time_s, Rotation.from_quat(self.quaternions[:, [1, 2, 3, 0]]))
         found = np.full((len(time_s), 4), np.nan)
         if inside.any():
@@ -82,7 +92,7 @@ def merged(
     attitudes = camera or body
     rows = columns["time_s"] if attitudes is None else attitudes.time_s
     at = columns["time_s"]
-    known = (rows >= at[0]) & (rows <= at[-1]) & _close(at, rows)
+    known = (rows >= at[0]) & (rows <= at[-1]) & _close(at, rows, _LONGEST_GAP_S)
     rows = rows[known]
     if not len(rows):
         raise ValueError("its positions and attitudes are of different times")
@@ -112,7 +122,7 @@ def headings(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
 
 
-def _close(at: NDArray[np.float64], time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where the two neighbours in `at` are no further apart than a log's usual pause."""
+def _close(at: NDArray[np.float64], time_s: NDArray[np.float64], gap_s: float) -> NDArray[np.bool_]:
+    """Where the two neighbours in `at` are no further apart than `gap_s`."""
     after = np.clip(np.searchsorted(at, time_s), 1, len(at) - 1)
-    return np.asarray(at[after] - at[after - 1] <= _LONGEST_GAP_S)
+    return np.asarray(at[after] - at[after - 1] <= gap_s)
