@@ -90,6 +90,19 @@ def test_a_first_packet_that_was_held_up_does_not_lay_the_whole_log_late(tmp_pat
     assert log.start_ns == BEGIN_S * 10**9 and np.allclose(log.time_s, ticks(100), atol=1e-3)
 
 
+@pytest.mark.parametrize("set_by_s", [600.0, -600.0, 0.0])
+def test_a_clock_that_is_set_in_flight_is_told(tmp_path: Path, set_by_s: float) -> None:
+    """The last 4 of 20 s are heard by another clock; the radio delays single packets by 4 s."""
+    flight = [
+        (t + (set_by_s if t >= 16 else 4.0 * (round(t * 10) % 10 == 7)), 5 + t, 500.0) for t in ticks(200)
+    ]
+    log = read_tlog(log_of(tmp_path / "a.tlog", flight))
+    assert np.allclose(log.time_s, ticks(200), atol=1e-3)
+    assert [one[:58] for one in log.remarks] == (
+        ["the clock of who wrote the log was set by 600 s in flight: "[:58]] if set_by_s else []
+    )
+
+
 def test_a_new_start_that_nobody_can_place_is_left_out(tmp_path: Path) -> None:
     # The ground station's own clock is put back by 8 s while the battery is changed.
     told = [(t, 50 + t, 500.0) for t in ticks(100)] + [(2 + t, 5 + t, 600.0) for t in ticks(50)]

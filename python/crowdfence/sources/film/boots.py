@@ -50,6 +50,11 @@ def boots_of(messages: Sequence[Any], kinds: Sequence[str], remarks: list[str]) 
         of_kind = {kind: [one for one in run if one.get_type() == kind] for kind in kinds}
         places = of_kind[PLACE]
         arrived_s = (places[0].time_boot_ms + offset_ms(timed_by(told, component))) / 1e3
+        if (set_by_s := _clock_set_by_s(timed_by(told, component))) > _LATEST_S:
+            remarks.append(
+                f"the clock of who wrote the log was set by {set_by_s:.0f} s in flight: times of day may be "
+                "off by that, so that views of other drones do not belong to the same moment"
+            )
         if not found:
             began_s = arrived_s
         begin_s = arrived_s - began_s
@@ -69,6 +74,14 @@ def boots_of(messages: Sequence[Any], kinds: Sequence[str], remarks: list[str]) 
             "one's own"
         )
     return found
+
+
+def _clock_set_by_s(messages: Sequence[Any]) -> float:
+    """By how much arrivals part from the autopilot's clock between two tenths of a boot, of the usual message
+    of each: single ones are held up on their way, and clocks drift by less."""
+    size = -(-len(messages) // 10)
+    usual_ms = [offset_ms(messages[begin : begin + size]) for begin in range(0, len(messages), size)]
+    return (max(usual_ms) - min(usual_ms)) / 1e3
 
 
 def _runs(messages: Sequence[Any], component: int) -> list[list[Any]]:
