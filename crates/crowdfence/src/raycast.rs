@@ -27,7 +27,7 @@ const FARTHEST_ORIGIN: f64 = (1u64 << 40) as f64;
 
 impl Terrain {
     /// Where the terrain is first met from `origin` (world metres) along `direction` (any length but 0), at no
-    /// more than `max_range_m`.
+    /// more than `max_range_m`. A ray that is not one, see [`Terrain::raycast_many`], meets nothing.
     pub fn raycast(
         &self,
         surface: Surface,
@@ -35,19 +35,21 @@ impl Terrain {
         direction: DVec3,
         max_range_m: f64,
     ) -> Option<Hit> {
-        let origin = self.tree_from_world(origin);
-        if origin.is_nan() || origin.abs().max_element() > FARTHEST_ORIGIN {
+        let (origin, direction) = (self.tree_from_world(origin), unit(direction));
+        let is_ray = !origin.is_nan() && direction.is_finite();
+        if !is_ray || origin.abs().max_element() > FARTHEST_ORIGIN {
             return None;
         }
         let range = max_range_m / self.voxel_size_m();
         let first_hit = match surface {
-            Surface::Planes => solids::first_hit(self, surface, origin, unit(direction), range),
-            Surface::Voxels => cubes::first_hit(self, origin, unit(direction), range),
+            Surface::Planes => solids::first_hit(self, surface, origin, direction, range),
+            Surface::Voxels => cubes::first_hit(self, origin, direction, range),
         };
         first_hit.map(|(voxel_id, distance)| Hit { voxel_id, distance_m: distance * self.voxel_size_m() })
     }
 
-    /// Many rays in parallel, with the input checked.
+    /// Many rays in parallel. Refused with its number is one that does not start or lead to somewhere: what is not
+    /// finite, a direction of length 0.
     pub fn raycast_many(
         &self,
         surface: Surface,
@@ -101,5 +103,24 @@ mod tests {
     fn rays_that_cannot_be_cast_are_named() {
         let error = check_ray(7, DVec3::ZERO, DVec3::ZERO).unwrap_err();
         assert_eq!(error.to_string(), "ray 7: direction has no length");
+    }
+
+    #[test]
+    fn what_leads_nowhere_meets_nothing() {
+        let terrain = Terrain::from_indices(&[[0; 3], [3, 0, 0]], 1.0, DVec3::ZERO).unwrap();
+        let above = DVec3::new(0.5, 0.5, 9.0);
+        for surface in [Surface::Planes, Surface::Voxels] {
+            let meets = |origin, direction| terrain.raycast(surface, origin, direction, 100.0).is_some();
+            assert!(meets(above, DVec3::NEG_Z));
+            for direction in [
+                DVec3::ZERO,
+                DVec3::new(f64::NAN, 0.0, -1.0),
+                DVec3::new(0.0, f64::NEG_INFINITY, -1.0),
+                DVec3::new(0.0, 0.0, f64::NEG_INFINITY),
+            ] {
+                assert!(!meets(above, direction), "{surface:?} {direction}");
+            }
+            assert!(!meets(DVec3::new(f64::NAN, 0.5, 9.0), DVec3::NEG_Z));
+        }
     }
 }
