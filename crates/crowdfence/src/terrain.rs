@@ -50,6 +50,11 @@ pub const MAX_HEIGHT_M: f64 = 9000.0;
 /// The same in words.
 pub(crate) const MAX_HEIGHT: &str = "9000 m";
 
+/// Bound of a voxel's side, metres. Far larger ones would have distances that no float32 holds.
+const MAX_VOXEL_SIZE_M: f64 = 1e6;
+/// Bound of the coordinates of a terrain's origin, metres: all of Earth lies within of its middle.
+const MAX_ORIGIN_M: f64 = 1e9;
+
 /// What places the grid in the world.
 const FRAME: [&str; 4] = ["voxel_size_m", "origin x", "origin y", "origin z"];
 
@@ -416,8 +421,10 @@ fn fingerprint(origin: DVec3, voxel_size_m: f64, base: [i32; 3], tree: &Tree) ->
 
 fn check_frame(voxel_size_m: f64, origin: DVec3) -> Result<()> {
     require(voxel_size_m.is_finite() && voxel_size_m > 0.0, "voxel_size_m", voxel_size_m, "finite and > 0")?;
+    require(voxel_size_m <= MAX_VOXEL_SIZE_M, "voxel_size_m", voxel_size_m, "at most 1000 km")?;
     for (name, value) in FRAME.into_iter().skip(1).zip(origin.to_array()) {
         require(value.is_finite(), name, value, "finite")?;
+        require(value.abs() <= MAX_ORIGIN_M, name, value, "within a million km")?;
     }
     Ok(())
 }
@@ -556,6 +563,15 @@ mod tests {
             refused(Terrain::from_indices(&[[0; 3]], 0.0, DVec3::ZERO))
                 .contains("voxel_size_m is 0; it must be finite and > 0")
         );
+        for (size_m, east_m, words) in [
+            (1e300, 0.0, "voxel_size_m is 1e300; it must be at most 1000 km"),
+            (1.0, -1e300, "origin x is -1e300; it must be within a million km"),
+            (f64::NAN, 0.0, "voxel_size_m is NaN; it must be finite and > 0"),
+            (1.0, f64::NAN, "origin x is NaN; it must be finite"),
+        ] {
+            let message = refused(Terrain::from_indices(&[[0; 3]], size_m, DVec3::X * east_m));
+            assert!(message.contains(words), "{message}");
+        }
         let far = [[0; 3], [0, 1 << 20, 0]];
         assert!(refused(Terrain::from_indices(&far, 1.0, DVec3::ZERO)).contains("1048577 voxels along y"));
         let nan = [DVec3::ZERO, DVec3::new(0.0, f64::NAN, 0.0)];

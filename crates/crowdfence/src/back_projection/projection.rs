@@ -31,6 +31,9 @@ pub const DEFAULT_CROWD_THRESHOLD: f64 = 0.5;
 /// People are marked at their heads at most, on a stage or a float at most so high.
 const HIGHEST_TARGET_M: f64 = 100.0;
 
+/// Bound of the range, metres; ranges are kept as float32.
+const MAX_RANGE_M: f64 = 1e30;
+
 /// How views are back-projected, checked once. The default surface is [`Surface::Planes`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
@@ -46,6 +49,7 @@ impl Projection {
     /// height at which people are marked, which is the same as lowering the camera by it.
     pub fn new(max_range_m: f64, target_height_m: f64, coverage: Coverage) -> Result<Projection> {
         require(max_range_m.is_finite() && max_range_m > 0.0, "max_range_m", max_range_m, "finite and > 0")?;
+        require(max_range_m <= MAX_RANGE_M, "max_range_m", max_range_m, "at most 1e30")?;
         let raised = (0.0..=HIGHEST_TARGET_M).contains(&target_height_m);
         require(raised, "target_height_m", target_height_m, "in [0, 100]")?;
         Ok(Projection {
@@ -104,6 +108,7 @@ mod tests {
     fn bounds_of_the_projection_are_named() {
         let message = |range, height| Projection::new(range, height, Coverage::Rays).unwrap_err().to_string();
         assert_eq!(message(0.0, 0.0), "max_range_m is 0; it must be finite and > 0");
+        assert_eq!(message(1e300, 0.0), "max_range_m is 1e300; it must be at most 1e30");
         assert_eq!(message(1.0, -0.1), "target_height_m is -0.1; it must be in [0, 100]");
         let projection = Projection::new(1.0, 0.0, Coverage::Rays).unwrap();
         let message = projection.with_crowd_threshold(f64::NAN).unwrap_err().to_string();
