@@ -174,7 +174,11 @@ impl OpinionPool {
             return Err(Error::Length { name: "visible", actual: visible.len(), expected: m.len() });
         }
         let voxels = m.len() / drones;
-        let mut views = Vec::with_capacity(drones);
+        let expected = voxels * drones;
+        if m.len() != expected {
+            return Err(Error::Length { name: "m", actual: m.len(), expected });
+        }
+        let mut views = Vec::new();
         (0..voxels)
             .map(|voxel| {
                 views.clear();
@@ -204,6 +208,14 @@ mod tests {
     #[track_caller]
     fn assert_close(actual: f64, expected: f64) {
         assert!((actual - expected).abs() < 1e-12, "{actual} != {expected}");
+    }
+
+    #[test]
+    fn arrays_that_are_not_so_many_values_a_drone_are_refused() {
+        let error = pool(Unseen::Fleet, false).pool_all(&[0.5; 7], &[true; 7], 3).unwrap_err();
+        assert_eq!(error, Error::Length { name: "m", actual: 7, expected: 6 });
+        assert!(pool(Unseen::Fleet, false).pool_all(&[0.5], &[true], usize::MAX).is_err());
+        assert_eq!(pool(Unseen::Fleet, false).pool_all(&[], &[], usize::MAX), Ok(vec![]));
     }
 
     #[test]

@@ -200,8 +200,9 @@ impl Heatmap {
         if height == 0 || width == 0 {
             return Err(Error::EmptyHeatmap { height, width });
         }
-        if values.len() != height * width {
-            return Err(Error::Length { name: "heatmap", actual: values.len(), expected: height * width });
+        let expected = height.saturating_mul(width);
+        if values.len() != expected {
+            return Err(Error::Length { name: "heatmap", actual: values.len(), expected });
         }
         if let Some(at) = values.iter().position(|value| !(0.0..=1.0).contains(value)) {
             return Err(Error::HeatmapValue { row: at / width, column: at % width, value: values[at] });
@@ -269,6 +270,12 @@ impl Heatmap {
 mod tests {
     use super::*;
     use crate::camera::Distortion;
+
+    #[test]
+    fn a_heatmap_whose_cells_nobody_can_count_is_refused() {
+        let side = 1 << (usize::BITS / 2); // times itself it wraps to 0
+        assert!(Heatmap::new(vec![], side, side).is_err());
+    }
 
     fn view(width: u32, height: u32, heatmap: [usize; 2]) -> Result<View> {
         let camera = Camera::new(width, height, 100.0, 100.0, 1.0, 1.0, Distortion::None).unwrap();

@@ -24,12 +24,9 @@ impl<'a> HeightMap<'a> {
     /// Errors: a length that is not X times Y, cells that are not larger than 0.
     pub fn new(heights_m: &'a [f32], shape: [usize; 2], cell_size_m: f64) -> Result<HeightMap<'a>> {
         require(cell_size_m.is_finite() && cell_size_m > 0.0, "cell_size_m", cell_size_m, "finite and > 0")?;
-        if heights_m.len() != shape[0] * shape[1] {
-            return Err(Error::Length {
-                name: "height_m",
-                actual: heights_m.len(),
-                expected: shape[0] * shape[1],
-            });
+        let expected = shape[0].saturating_mul(shape[1]);
+        if heights_m.len() != expected {
+            return Err(Error::Length { name: "height_m", actual: heights_m.len(), expected });
         }
         let no_ground = |height: &f32| f64::from(height.abs()) > MAX_HEIGHT_M;
         if let Some(at) = heights_m.par_iter().position_first(no_ground) {
@@ -235,6 +232,12 @@ mod tests {
             HeightMap::new(heights, shape, cell).unwrap().columns(voxel).unwrap().voxels().unwrap();
         voxels.sort_unstable();
         voxels
+    }
+
+    #[test]
+    fn a_shape_whose_cells_nobody_can_count_is_refused() {
+        // Their number wraps to 0.
+        assert!(HeightMap::new(&[], [1 << (usize::BITS / 2); 2], 1.0).is_err());
     }
 
     #[test]

@@ -18,8 +18,9 @@ const OUTSTANDING_VOXELS: f64 = 0.5;
 pub fn raised(heights_m: &[f32], tops_m: &[f32], shape: [usize; 2], voxel_size_m: f64) -> Result<Vec<f32>> {
     require(voxel_size_m.is_finite() && voxel_size_m > 0.0, "voxel_size_m", voxel_size_m, "finite and > 0")?;
     for (name, given) in [("height_m", heights_m), ("top_m", tops_m)] {
-        if given.len() != shape[0] * shape[1] {
-            return Err(Error::Length { name, actual: given.len(), expected: shape[0] * shape[1] });
+        let expected = shape[0].saturating_mul(shape[1]);
+        if given.len() != expected {
+            return Err(Error::Length { name, actual: given.len(), expected });
         }
     }
     let middles = Middles { heights_m, shape, voxel_size_m };
