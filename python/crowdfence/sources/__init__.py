@@ -93,7 +93,8 @@ def open_recording(
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
     recording = _with_readable_names(recording)
-    recording = _told_once(_with_clock_doubts(_with_lens_doubts(_steadied(recording, pose_noise))))
+    recording = _with_attitude_doubts(_with_lens_doubts(_steadied(recording, pose_noise)))
+    recording = _told_once(_with_clock_doubts(recording))
     if ground_start:
         from crowdfence.sources.ground_start import from_the_ground
 
@@ -232,6 +233,15 @@ def _with_lens_doubts(recording: Recording) -> Recording:
     cameras = dict.fromkeys((frame.drone, frame.camera) for frame in recording.frames)
     doubts = {drone: doubt for drone, camera in cameras if (doubt := lens_doubt(camera)) is not None}
     said = tuple(f"{drone}: {doubt}" for drone, doubt in sorted(doubts.items()))
+    return replace(recording, warnings=(*recording.warnings, *said)) if said else recording
+
+
+def _with_attitude_doubts(recording: Recording) -> Recording:
+    """With a warning for each drone whose attitudes may be written the other way round."""
+    from crowdfence.sources.reversed_attitude import reversal_doubt
+
+    tracks = sorted(recording.tracks().items())
+    said = tuple(f"{drone}: {doubt}" for drone, track in tracks if (doubt := reversal_doubt(track)))
     return replace(recording, warnings=(*recording.warnings, *said)) if said else recording
 
 
