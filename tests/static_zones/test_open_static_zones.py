@@ -674,8 +674,8 @@ def test_landing_sites_of_ours_close_nothing(tmp_path: Path) -> None:
     path = tmp_path / "sites.geojson"
     write_sites(path, sites, MapDescription(0, 0.5, "evidence", layer="landing-site"), ANCHOR)
     read = open_static_zones(path, ANCHOR)
-    assert read.zones == () and read.left_out == ("S1: a landing site of ours, which closes nothing",)
-    with pytest.raises(StaticZoneError, match="S1: a landing site of ours, which closes nothing"):
+    assert read.zones == () and read.left_out == ("L1: a landing site of ours, which closes nothing",)
+    with pytest.raises(StaticZoneError, match="L1: a landing site of ours, which closes nothing"):
         placed_geojson(path.read_bytes(), path.name)
 
 

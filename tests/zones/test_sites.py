@@ -27,7 +27,7 @@ def test_all_of_a_meadow_is_one_site():
     (site,) = find_sites(flat_crowd_map(meadow((12, 9))), 0, threshold=0.5)
     # The disc that is nearest to the corner stands at (2.5, 2.5) and ends 0.71 m before the corner column's
     # middle, at its inner corner: the four corner columns are cut.
-    assert site.id == "S1" and site.seen_by == ("uav1",)
+    assert site.id == "L1" and site.seen_by == ("uav1",)
     assert site.area_m2 == shapely.area(site.polygon) == 12 * 9 - 4
     # 9 wide: from the middle of the middle column to the middle beyond the edge, less half a diagonal.
     assert site.radius_m == pytest.approx(5.0 - 0.5**0.5) and site.centre[1] == 4.5
@@ -154,7 +154,7 @@ def test_small_sites_are_left_out_and_roomy_ones_come_first():
     ground = np.full((40, 12), 0.1)
     ground[:6, :6] = ground[10:] = 0.9
     both = find_sites(flat_crowd_map(ground), 0, threshold=0.5)
-    assert [site.id for site in both] == ["S1", "S2"] and both[0].radius_m > both[1].radius_m
+    assert [site.id for site in both] == ["L1", "L2"] and both[0].radius_m > both[1].radius_m
     assert find_sites(flat_crowd_map(ground), 0, threshold=0.5, min_area_m2=100.0) == both[:1]
     with pytest.raises(ValueError, match="min_area_m2"):
         find_sites(flat_crowd_map(ground), 0, min_area_m2=-1.0)

@@ -45,7 +45,7 @@ class LandingSite:
     """One connected region of ground on which a drone could land, in local metres."""
 
     id: str
-    """S1, S2, ... from the one with the most room."""
+    """L1, L2, ... from the one with the most room; S1 is a static zone."""
     polygon: Polygon | MultiPolygon
     area_m2: float
     centre: tuple[float, float, float]
@@ -228,7 +228,7 @@ def _sites(
         middle = some[np.argmax(room_m[some])]
         x, y = np.asarray(terrain.origin)[:2] + (columns.indices[middle] + 0.5) * size_m
         yield LandingSite(
-            id=f"S{number}",
+            id=f"L{number}",
             polygon=polygon,
             area_m2=len(some) * size_m**2,
             centre=(float(x), float(y), float(columns.height_m[middle])),
