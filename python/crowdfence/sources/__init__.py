@@ -93,8 +93,7 @@ def open_recording(
     else:
         recording = _open_fleet([Path(one) for one in path], limits, options)
     recording = _with_readable_names(recording)
-    recording = _with_attitude_doubts(_with_lens_doubts(_steadied(recording, pose_noise)))
-    recording = _told_once(_with_clock_doubts(recording))
+    recording = _told_once(_with_doubts(_steadied(recording, pose_noise)))
     if ground_start:
         from crowdfence.sources.ground_start import from_the_ground
 
@@ -226,31 +225,20 @@ def _with_readable_names(recording: Recording) -> Recording:
     return recording if name == recording.name else replace(recording, name=name)
 
 
-def _with_lens_doubts(recording: Recording) -> Recording:
-    """With a warning for each drone with a camera that no usual one is."""
+def _with_doubts(recording: Recording) -> Recording:
+    """With a warning for each drone with a camera that no usual one is, whose attitudes may be written the
+    other way round, or that flew as if its clock were that of another time zone."""
+    from crowdfence.sources.fleet_clocks import zone_doubts
     from crowdfence.sources.lens.doubtful import lens_doubt
-
-    cameras = dict.fromkeys((frame.drone, frame.camera) for frame in recording.frames)
-    doubts = {drone: doubt for drone, camera in cameras if (doubt := lens_doubt(camera)) is not None}
-    said = tuple(f"{drone}: {doubt}" for drone, doubt in sorted(doubts.items()))
-    return replace(recording, warnings=(*recording.warnings, *said)) if said else recording
-
-
-def _with_attitude_doubts(recording: Recording) -> Recording:
-    """With a warning for each drone whose attitudes may be written the other way round."""
     from crowdfence.sources.reversed_attitude import reversal_doubt
 
-    tracks = sorted(recording.tracks().items())
-    said = tuple(f"{drone}: {doubt}" for drone, track in tracks if (doubt := reversal_doubt(track)))
-    return replace(recording, warnings=(*recording.warnings, *said)) if said else recording
-
-
-def _with_clock_doubts(recording: Recording) -> Recording:
-    """With a warning for each drone that flew as if its clock were that of another time zone."""
-    from crowdfence.sources.fleet_clocks import zone_doubts
-
-    said = zone_doubts((frame.drone, frame.stamp_ns) for frame in recording.frames)
-    return replace(recording, warnings=(*recording.warnings, *said)) if said else recording
+    cameras = dict.fromkeys((frame.drone, frame.camera) for frame in recording.frames)
+    lenses = {drone: doubt for drone, camera in cameras if (doubt := lens_doubt(camera)) is not None}
+    attitudes = {drone: reversal_doubt(track) for drone, track in recording.tracks().items()}
+    doubts = [*sorted(lenses.items()), *sorted(attitudes.items())]
+    said = [f"{drone}: {doubt}" for drone, doubt in doubts if doubt is not None]
+    said += zone_doubts((frame.drone, frame.stamp_ns) for frame in recording.frames)
+    return replace(recording, warnings=(*recording.warnings, *said))
 
 
 def _told_once(recording: Recording) -> Recording:

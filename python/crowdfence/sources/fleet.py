@@ -58,17 +58,18 @@ def joined(recordings: Sequence[Recording]) -> Recording:
 
 
 def _in_one_frame(recordings: Sequence[Recording]) -> list[Recording]:
-    # A map without a place on Earth lies in the frame of its own recording.
-    common = _with_map(recordings).georeference
-    if common is None and all(one.georeference is None for one in recordings):
-        return list(recordings)
-    if nowhere := [one for one in recordings if one.georeference is None]:
-        somewhere = next(one for one in recordings if one.georeference is not None)
+    somewhere = [one for one in recordings if one.georeference is not None]
+    nowhere = [one for one in recordings if one.georeference is None]
+    if not somewhere:
+        return nowhere
+    if nowhere:
         raise ValueError(
-            f"{somewhere.name} says where on Earth its local frame lies and {nowhere[0].name} does not: "
+            f"{somewhere[0].name} says where on Earth its local frame lies and {nowhere[0].name} does not: "
             "nobody knows how one lies to the other; record the place in it too (origin= or fix= in --topics "
             "of a bag), or leave it out"
         )
+    # A map without a place on Earth lies in the frame of its own recording.
+    common = _with_map(recordings).georeference
     assert common is not None
     return [in_frame(one, common) for one in recordings]
 

@@ -267,15 +267,14 @@ def _heights(
     heights: dict[HeightsAbove, float | None] = {}
     heights["take-off"] = _number(xmp.get("drone-dji:RelativeAltitude"))
     absolute = _number(gps.get(ExifTags.GPS.GPSAltitude))
-    of_ellipsoid = False
+    marked = gps.get(ExifTags.GPS.GPSAltitudeRef)
+    mark = marked[0] if isinstance(marked, bytes) and marked else marked
+    is_new = isinstance(exif_version, bytes) and exif_version >= _NEW_MARKS
+    of_ellipsoid = is_new and absolute is not None and mark is not None and mark not in _OF_SEA
     if absolute is None:
         absolute = _number(xmp.get("drone-dji:AbsoluteAltitude") or xmp.get("drone-skydio:AbsoluteAltitude"))
-    else:
-        marked = gps.get(ExifTags.GPS.GPSAltitudeRef)
-        reference = marked[0] if isinstance(marked, bytes) and marked else marked
-        absolute = -absolute if reference in _BELOW else absolute
-        is_new = isinstance(exif_version, bytes) and exif_version >= _NEW_MARKS
-        of_ellipsoid = is_new and reference is not None and reference not in _OF_SEA
+    elif mark in _BELOW:
+        absolute = -absolute
     heights["ellipsoid" if _above_ellipsoid(xmp, model, of_ellipsoid) else "sea"] = absolute
     return {above: value for above, value in heights.items() if value is not None}
 
