@@ -84,6 +84,7 @@ EVIDENCE = Evidence(
     threshold=0.5 * THIRD,
     cleared=0.01 * THIRD,
     focal_px=1000.0 * THIRD,
+    from_below="against",
 )
 VALUES = {
     **CAMERAS,

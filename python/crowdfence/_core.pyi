@@ -827,6 +827,8 @@ class Evidence:
     focal_px     > 0, of the cameras of the calibration: taken for a view that does not say its own; a look
                  of a finer camera weighs as one of theirs, or where it shows crowd as 1.5 times as fine, and
                  says what those say unless `likelihood` knows finer ones
+    from_below   which looks from below the top of a place count: "for", those that show crowd, as that none
+                 shows there clears nothing, or "against", those that show none, for what opens ground
 
     Looks are averaged, because looks at one place agree; only further drones add to them. CrowdfenceError
     names the parameter that is out of bounds. It cannot change; it can be compared and pickled.
@@ -843,6 +845,7 @@ class Evidence:
         threshold: float,
         cleared: float,
         focal_px: float,
+        from_below: Literal["for", "against"] = "for",
     ) -> Evidence: ...
     @property
     def name(self) -> Literal["evidence"]:

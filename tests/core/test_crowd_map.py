@@ -171,11 +171,11 @@ def test_one_flipped_bit_is_noticed_wherever_it_is() -> None:
 def test_a_file_of_another_kind_version_or_place_says_so(tmp_path: Path) -> None:
     path = tmp_path / "crowd.map"
     newer = bytearray(_crowd_map().to_bytes())
-    newer[8:12] = (8).to_bytes(4, "little")
+    newer[8:12] = (9).to_bytes(4, "little")
     for content, message in (
         (b"", "not a crowd map: the file is too short"),
         (b"\x89PNG" + bytes(100), "not a crowd map: it does not begin with CROWDMAP"),
-        (bytes(newer), "crowd map has format version 8; this build reads version 1"),
+        (bytes(newer), "crowd map has format version 9; this build reads version 1"),
     ):
         path.write_bytes(content)
         with pytest.raises(ValueError, match=re.escape(f"{path}: {message}")):

@@ -35,7 +35,13 @@ EVIDENCE = Evidence(RATIO, **SETTINGS)
 
 
 def look(
-    drone: str, mean: float, *, range_m: float = 10.0, focal_px: float = 100.0, at: int = 0
+    drone: str,
+    mean: float,
+    *,
+    range_m: float = 10.0,
+    focal_px: float = 100.0,
+    tilt_deg: float = 90.0,
+    at: int = 0,
 ) -> Observation:
     """At voxel 0."""
     return Observation(
@@ -46,7 +52,7 @@ def look(
         mean=[mean],
         pixel_count=[1],
         range_m=[range_m],
-        tilt_deg=[90.0],
+        tilt_deg=[tilt_deg],
         occluded_ids=[],
         focal_px=focal_px,
     )
@@ -72,6 +78,19 @@ def test_a_look_is_read_in_metres_per_pixel() -> None:
 
 def test_drones_add_up() -> None:
     assert log_ratio(look("a", 0.9), look("b", 0.9)) == pytest.approx(2.0 * np.sqrt(2.0), abs=1e-5)
+
+
+def test_of_looks_from_below_those_count_that_show_what_is_dangerous_to_overlook() -> None:
+    """A crowd; or, of what opens ground, that it is not there."""
+    for counts, shows in (("for", 0.9), ("against", 0.1)):
+        crowd_map = CrowdMap(FLOOR, Evidence(RATIO, **SETTINGS, from_below=counts))
+        crowd_map.integrate_observations([look("a", 1.0 - shows, tilt_deg=-5.0)], 0)
+        assert crowd_map.state(0)[0] == VoxelState.OCCLUDED
+        crowd_map.integrate_observations([look("a", shows, tilt_deg=-5.0, at=1)], 1)
+        assert crowd_map.last_seen_ns([0])[0] == 1
+        assert (crowd_map.probability(1)[0] > 0.2) == (counts == "for")
+    with pytest.raises(ValueError, match='from_below is "both"; it must be "for" or "against"'):
+        Evidence(RATIO, **SETTINGS, from_below="both")  # type: ignore[arg-type]
 
 
 def test_what_a_look_could_not_show_is_not_cleared() -> None:

@@ -38,8 +38,12 @@ def test_a_layer_fills_in_what_is_left_open_and_no_more() -> None:
     assert with_layer(EvidenceConfig(prior=0.2), "landing-site").prior == 0.2
     assert with_layer(EvidenceConfig(), "crowd") == EvidenceConfig()
     assert with_layer(PaperConfig(), "landing-site") == PaperConfig()
+    # Of looks from below those count that speak for what is dangerous to overlook.
+    assert ours.from_below == "against"
+    kept = with_layer(EvidenceConfig(from_below="for"), "landing-site")
+    assert isinstance(kept, EvidenceConfig) and kept.from_below == "for"
     smoke = with_layer(EvidenceConfig(), "smoke")
-    assert isinstance(smoke, EvidenceConfig) and smoke.prior == 0.5
+    assert isinstance(smoke, EvidenceConfig) and smoke.prior == 0.5 and smoke.from_below is None
     # A class that nobody calibrated is taken at its word: even odds for even odds, and symmetric.
     assert smoke.likelihood is not None
     ratios = smoke.likelihood.log_ratio.ravel()
@@ -80,6 +84,7 @@ def test_ground_is_fit_from_one_half_on_for_a_detector_that_finds_it_rarely() ->
     found = replace(Contract.from_json(document()), rates=rates)
     rare = RunConfig().with_layer("landing-site", found).with_detector(found)
     assert rare.method.prior == 0.01 and rare.zones.threshold == 0.5
+    assert rare.method.from_below == "against"
 
 
 def test_a_layer_closes_nothing() -> None:

@@ -1,12 +1,12 @@
 use std::sync::Arc;
 
-use crowdfence::{Evidence, EvidenceSettings, LikelihoodRatio, Method};
+use crowdfence::{Evidence, EvidenceSettings, FromBelow, LikelihoodRatio, Method};
 use numpy::{IntoPyArray, PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{Array, refuse};
-use crate::method::parameters;
+use crate::method::{not_one_of, parameters};
 
 /// How strongly a look speaks for crowd: ln P(m | crowd) / P(m | no crowd) by ground sample distance, tilt
 /// and mean heatmap value m, as measured on missions whose truth is known.
@@ -140,6 +140,8 @@ impl PyLikelihoodRatio {
 /// focal_px     > 0, of the cameras of the calibration: taken for a view that does not say its own; a look
 ///              of a finer camera weighs as one of theirs, or where it shows crowd as 1.5 times as fine, and
 ///              says what those say unless `likelihood` knows finer ones
+/// from_below   which looks from below the top of a place count: "for", those that show crowd, as that none
+///              shows there clears nothing, or "against", those that show none, for what opens ground
 ///
 /// Looks are averaged, because looks at one place agree; only further drones add to them. CrowdfenceError
 /// names the parameter that is out of bounds. It cannot change; it can be compared and pickled.
@@ -150,7 +152,8 @@ pub struct PyEvidence(pub Evidence);
 #[pymethods]
 impl PyEvidence {
     #[new]
-    #[pyo3(signature = (likelihood, *, prior, memory_s, sharp_gsd_m, doubt, agreement, threshold, cleared, focal_px))]
+    #[pyo3(signature = (likelihood, *, prior, memory_s, sharp_gsd_m, doubt, agreement, threshold, cleared, focal_px,
+                        from_below="for"))]
     #[allow(clippy::too_many_arguments)] // keyword-only in Python
     fn new(
         likelihood: &PyLikelihoodRatio,
@@ -162,9 +165,24 @@ impl PyEvidence {
         threshold: f64,
         cleared: f64,
         focal_px: f64,
+        from_below: &str,
     ) -> PyResult<Self> {
-        let settings =
-            EvidenceSettings { prior, memory_s, sharp_gsd_m, doubt, agreement, threshold, cleared, focal_px };
+        let from_below = match from_below {
+            "for" => FromBelow::For,
+            "against" => FromBelow::Against,
+            _ => return Err(not_one_of("from_below", from_below, "\"for\" or \"against\"")),
+        };
+        let settings = EvidenceSettings {
+            prior,
+            memory_s,
+            sharp_gsd_m,
+            doubt,
+            agreement,
+            threshold,
+            cleared,
+            focal_px,
+            from_below,
+        };
         Evidence::new(likelihood.0.clone(), settings).map(PyEvidence).map_err(refuse)
     }
 
@@ -216,8 +234,13 @@ impl PyEvidence {
     }
 
     fn __repr__(&self) -> String {
-        let named = self.0.settings().named().map(|(name, number)| format!("{name}={number}"));
-        format!("Evidence({}, {})", self.likelihood().__repr__(), named.join(", "))
+        let numbers = self.0.settings().numbers().map(|(name, number)| format!("{name}={number}"));
+        let from_below = self.0.settings().from_below.name();
+        format!(
+            "Evidence({}, {}, from_below='{from_below}')",
+            self.likelihood().__repr__(),
+            numbers.join(", ")
+        )
     }
 }
 

@@ -199,7 +199,7 @@ fn fleet_size(value: &Bound<'_, PyAny>) -> PyResult<usize> {
     })
 }
 
-fn not_one_of(name: &str, value: &str, allowed: &str) -> PyErr {
+pub fn not_one_of(name: &str, value: &str, allowed: &str) -> PyErr {
     CrowdfenceError::new_err(format!("{name} is {value:?}; it must be {allowed}"))
 }
 

@@ -25,8 +25,8 @@ pub use camera::{Camera, Distortion};
 pub use crowd_map::{CrowdColumn, CrowdColumns, CrowdMap, Update, VoxelKnowledge, VoxelState};
 pub use error::{Error, Result};
 pub use method::{
-    Calibration, Evidence, EvidenceSettings, Finer, LikelihoodRatio, LinearPool, LogOdds, LogPool, Method,
-    MovingAverage, Or, Paper,
+    Calibration, Evidence, EvidenceSettings, Finer, FromBelow, LikelihoodRatio, LinearPool, LogOdds, LogPool,
+    Method, MovingAverage, Or, Paper,
 };
 pub use observation::{CrowdMass, Observation, SeenVoxels};
 pub use opinion_pool::{OpinionPool, Rates, Unseen};

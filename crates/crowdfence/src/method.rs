@@ -17,7 +17,7 @@ use crate::error::Result;
 use crate::sealed::{Reader, Writer};
 
 pub use calibration::Calibration;
-pub use evidence::{Evidence, EvidenceSettings, Finer, LikelihoodRatio};
+pub use evidence::{Evidence, EvidenceSettings, Finer, FromBelow, LikelihoodRatio};
 pub use linear_pool::LinearPool;
 pub use log_odds::LogOdds;
 pub use log_pool::LogPool;

@@ -8,9 +8,9 @@ use std::sync::{Arc, LazyLock};
 use crowdfence::method::{DecayUnit, Initial};
 use crowdfence::view::Pose;
 use crowdfence::{
-    Calibration, Camera, Coverage, CrowdMap, Distortion, Error, Evidence, EvidenceSettings, Heatmap,
-    LikelihoodRatio, LinearPool, LogOdds, LogPool, Method, MovingAverage, Or, Paper, Projection, Rates,
-    TemporalBlend, Terrain, Unseen, View,
+    Calibration, Camera, Coverage, CrowdMap, Distortion, Error, Evidence, EvidenceSettings, FromBelow,
+    Heatmap, LikelihoodRatio, LinearPool, LogOdds, LogPool, Method, MovingAverage, Or, Paper, Projection,
+    Rates, TemporalBlend, Terrain, Unseen, View,
 };
 use glam::{DMat3, DVec3};
 use proptest::prelude::*;
@@ -111,6 +111,7 @@ fn evidence() -> Evidence {
         threshold: 0.1,
         cleared: 0.01,
         focal_px: 100.0,
+        from_below: FromBelow::For,
     };
     Evidence::new(likelihood(), settings).unwrap()
 }

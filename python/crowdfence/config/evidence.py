@@ -66,6 +66,9 @@ class EvidenceConfig:
     clear_log_odds: float = 2.5
     """Ground is empty from this far below the prior, in (0, 12]; between the two it is looked at and not
     cleared."""
+    from_below: Literal["for", "against"] | None = None
+    """Which looks from below the top of a place count: those that speak for the class, as none that shows
+    there clears nothing, or those against it. None: against a layer that opens ground, else for."""
 
     def __post_init__(self) -> None:
         make_plain(self)
@@ -113,6 +116,7 @@ class EvidenceConfig:
             threshold=threshold,
             cleared=cleared,
             focal_px=complete.focal_px,
+            from_below=self.from_below or "for",
         )
 
 

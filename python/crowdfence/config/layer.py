@@ -22,6 +22,9 @@ PRIORS = {LANDING_SITE: 0.25}
 of landing sites the mean of missions between .07 (a street) and .68 (a field)."""
 UNKNOWN_PRIOR = 0.5
 
+_OPENING = (LANDING_SITE,)
+"""Layers whose class opens ground: what is dangerous to overlook is that it is not there."""
+
 BORDERS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
 """Where one bin of the mean value of a voxel ends and the next begins."""
 _LOG_RATIOS = {
@@ -33,13 +36,17 @@ _AS_IT_SAYS = (-4.6, -3.3, -2.5, -1.7, -1.1, -0.6, -0.2, 0.2, 0.6, 1.1, 1.7, 2.5
 """The logit of the middle of each bin: heatmaps that mean what they say where both are equally likely."""
 
 
-def with_layer(method: MethodConfig, layer: str) -> MethodConfig:
+def with_layer(method: MethodConfig, layer: str, contract: Contract | None = None) -> MethodConfig:
     """The method with what it leaves open filled in for a layer; that of crowds is left to the detector.
 
-    Methods that weigh looks by their calibration take the one of the layer, or values at their word. The
-    prior is the share of the layer's class, or 1/2; `paper` keeps its own, the share of the terrain that is
-    fit for landing."""
+    Methods that weigh looks by their calibration take the one of the layer, or values at their word, unless
+    the contract of the detector states one. The prior is the share of the layer's class, or 1/2; `paper`
+    keeps its own, the share of the terrain that is fit for landing."""
     if layer == CROWD or not isinstance(method, (EvidenceConfig, LogPoolConfig, MovingAverageConfig)):
+        return method
+    if isinstance(method, EvidenceConfig) and layer in _OPENING and method.from_below is None:
+        method = replace(method, from_below="against")
+    if contract is not None and "likelihood_ratio" in (contract.rates or {}):
         return method
     return replace(
         method,

@@ -61,8 +61,7 @@ class RunConfig:
     def with_layer(self, layer: str, contract: Contract | None = None) -> RunConfig:
         """The same with what a layer of another class than crowd starts from filled in, unless a detector's
         contract says it (`config.layer`); to be called before `with_detector`."""
-        stated = contract is not None and "likelihood_ratio" in (contract.rates or {})
-        method = self.method if stated else with_layer(self.method, layer)
+        method = with_layer(self.method, layer, contract)
         least = least_threshold(method, layer, contract)
         zones = self.zones if least is None or self.zones.threshold else replace(self.zones, threshold=least)
         return replace(self, method=method, zones=zones)

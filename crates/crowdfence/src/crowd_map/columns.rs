@@ -185,7 +185,9 @@ mod tests {
     use super::*;
     use crate::back_projection::{Coverage, Projection};
     use crate::crowd_map::VoxelState;
-    use crate::method::{DecayUnit, Evidence, EvidenceSettings, Initial, LikelihoodRatio, Method, Or, Paper};
+    use crate::method::{
+        DecayUnit, Evidence, EvidenceSettings, FromBelow, Initial, LikelihoodRatio, Method, Or, Paper,
+    };
     use crate::observation::{CrowdMass, Observation, SeenVoxels};
     use crate::opinion_pool::{OpinionPool, Rates, Unseen};
     use crate::temporal_blend::TemporalBlend;
@@ -214,6 +216,7 @@ mod tests {
             threshold: 0.5,
             cleared: prior / 2.0,
             focal_px: 100.0,
+            from_below: FromBelow::For,
         };
         Method::Evidence(Evidence::new(Arc::new(likelihood), settings).unwrap())
     }

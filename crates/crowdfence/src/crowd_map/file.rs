@@ -1,4 +1,4 @@
-//! The crowd map's file format, version 7, in the frame of [`crate::sealed`]; versions 1 to 6 are read too.
+//! The crowd map's file format, version 8, in the frame of [`crate::sealed`]; versions 1 to 7 are read too.
 //!
 //! ```text
 //! terrain          u64 fingerprint, u64 voxel count
@@ -18,10 +18,10 @@
 //!                  u64: a bit a voxel that it saw
 //! pages            u32 count, then per page: u32 number (increasing), 1024 values
 //!
-//! version 6 knows no likelihood ratios of finer cameras; version 5 also does not say which looks showed crowd by
-//! themselves; version 4 also not which spoke for it; version 3 also not which drone came first; version 2 also differs in
-//! the beliefs of `paper`; version 1 in beliefs, and after
-//! max_gap_s:
+//! version 7 counts of looks from below only those that show crowd; version 6 also knows no likelihood ratios of finer
+//! cameras; version 5 also does not say which looks showed crowd by themselves; version 4 also not which spoke for it;
+//! version 3 also not which drone came first; version 2 also differs in the beliefs of `paper`; version 1 in beliefs, and
+//! after max_gap_s:
 //!   drones         u32 count, names
 //!   instants       u32 count, i64 stamps, strictly increasing
 //!   pages          u32 count, then per page: u32 number (increasing), 1024 beliefs, 1024 x u32 look (position
@@ -53,7 +53,7 @@ const SEEN_HOW: [(Coverage, Surface); 4] = [
     (Coverage::Full, Surface::Planes),
 ];
 
-const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 7 };
+const KIND: Kind = Kind { magic: b"CROWDMAP", name: "crowd map", version: 8 };
 
 impl CrowdMap {
     /// The whole map in the format above, to go on with later: the terrain is not in it, only its key.

@@ -7,7 +7,7 @@ use super::*;
 use crate::back_projection::Coverage;
 use crate::camera::{Camera, Distortion};
 use crate::method::{
-    DecayUnit, Evidence, EvidenceSettings, Initial, LikelihoodRatio, LinearPool, LogOdds, LogPool,
+    DecayUnit, Evidence, EvidenceSettings, FromBelow, Initial, LikelihoodRatio, LinearPool, LogOdds, LogPool,
     MovingAverage, Or, Paper, three_step_calibration,
 };
 use crate::observation::{CrowdMass, SeenVoxels};
@@ -40,7 +40,15 @@ fn paper(alpha: f64, decay: f64, unit: DecayUnit, initial: Initial) -> Method {
 
 /// Up to .5 a look says -2, above it 3; it is sharp from .1 m a pixel on: from 10 m, as `look` sees.
 fn evidence() -> Method {
-    evidence_of(LikelihoodRatio::new(vec![], vec![], vec![0.5], vec![-2.0, 3.0]).unwrap())
+    evidence_of(two_ratios())
+}
+
+fn evidence_of_what_opens_ground() -> Method {
+    evidence_with(two_ratios(), FromBelow::Against)
+}
+
+fn two_ratios() -> LikelihoodRatio {
+    LikelihoodRatio::new(vec![], vec![], vec![0.5], vec![-2.0, 3.0]).unwrap()
 }
 
 /// The same, but above .5 a look says 5, above .75 7: with a doubt of 1 one alone leaves log odds of 2.5 and 3.5 above
@@ -50,6 +58,10 @@ fn evidence_that_shows() -> Method {
 }
 
 fn evidence_of(likelihood: LikelihoodRatio) -> Method {
+    evidence_with(likelihood, FromBelow::For)
+}
+
+fn evidence_with(likelihood: LikelihoodRatio, from_below: FromBelow) -> Method {
     let settings = EvidenceSettings {
         prior: 0.2,
         memory_s: 10.0,
@@ -59,6 +71,7 @@ fn evidence_of(likelihood: LikelihoodRatio) -> Method {
         threshold: 0.5,
         cleared: 0.1,
         focal_px: 100.0,
+        from_below,
     };
     Method::Evidence(Evidence::new(Arc::new(likelihood), settings).unwrap())
 }
@@ -340,15 +353,17 @@ fn evidence_worked_by_hand() {
     assert!((log_odds(map.probability(stamp).unwrap()[0]) - prior - expected).abs() < 1e-5);
 }
 
-/// A camera beside voxel 0 and lower than its top sees its side only: no crowd there says nothing of who stands on it.
+/// A camera beside voxel 0 and lower than its top sees its side only.
+fn beside(drone: &str, m: f32, stamp_ns: i64) -> View {
+    let camera = Camera::new(1, 1, 100.0, 100.0, 0.5, 0.5, Distortion::None).unwrap();
+    let east = DMat3::from_cols(DVec3::NEG_Y, DVec3::NEG_Z, DVec3::X);
+    let pose = Pose { rotation: east, translation: DVec3::new(-9.0, 0.5, 0.25) };
+    View::new(drone, stamp_ns, Arc::new(camera), pose, Heatmap::new(vec![m], 1, 1).unwrap()).unwrap()
+}
+
+/// No crowd at its side says nothing of who stands on it.
 #[test]
 fn a_place_seen_from_below_is_not_found_empty() {
-    let beside = |drone: &str, m: f32, stamp_ns: i64| {
-        let camera = Camera::new(1, 1, 100.0, 100.0, 0.5, 0.5, Distortion::None).unwrap();
-        let east = DMat3::from_cols(DVec3::NEG_Y, DVec3::NEG_Z, DVec3::X);
-        let pose = Pose { rotation: east, translation: DVec3::new(-9.0, 0.5, 0.25) };
-        View::new(drone, stamp_ns, Arc::new(camera), pose, Heatmap::new(vec![m], 1, 1).unwrap()).unwrap()
-    };
     let mut below = map(evidence());
     let update = below.integrate(&[beside("a", 0.1, 0)], 0).unwrap();
     assert_eq!(update.observations[0].voxel_ids(), [0]);
@@ -368,6 +383,23 @@ fn a_place_seen_from_below_is_not_found_empty() {
     let mut literal = map(paper(0.1, 0.05, DecayUnit::Second, Initial::Prior));
     literal.integrate(&[beside("a", 0.1, 0)], 0).unwrap();
     assert_eq!(literal.seen_count(), 1);
+}
+
+/// A wall that looks like a landing site says nothing of the roof; people at its edge do.
+#[test]
+fn what_opens_ground_is_not_found_from_below_and_is_taken_back_from_there() {
+    let mut map = map(evidence_of_what_opens_ground());
+    map.integrate(&[beside("a", 0.9, 0)], 0).unwrap();
+    assert_eq!(map.seen_count(), 0);
+    map.integrate(&[look("a", 0.0, 0.9, SECOND)], SECOND).unwrap();
+    let log_ratio = |map: &CrowdMap, stamp_ns| {
+        let p = map.probability(stamp_ns).unwrap()[0];
+        (p / (1.0 - p)).ln() - (0.2f64 / 0.8).ln()
+    };
+    assert_close(log_ratio(&map, SECOND), 3.0 / 2.0);
+    map.integrate(&[beside("b", 0.9, SECOND), beside("a", 0.1, SECOND)], SECOND).unwrap();
+    assert_close(log_ratio(&map, SECOND), (3.0 - 2.0) / (2.0 + 1.0));
+    assert_eq!(map.seen_by(&[0]), ["a"]);
 }
 
 #[test]
@@ -633,9 +665,10 @@ fn a_file_of_an_older_version_gives_the_probabilities_that_it_was_saved_with() {
     }
 }
 
-/// Version 6 ended each table of likelihood ratios where version 7 says that there is none of finer cameras.
+/// Version 7 ended the method where version 8 says that of looks from below those count that show crowd, version 6 ended
+/// each table of likelihood ratios where version 7 says that there is none of finer cameras.
 #[test]
-fn a_map_of_before_there_were_tables_of_finer_cameras_goes_on() {
+fn maps_of_before_there_were_these_settings_go_on() {
     let mut map = map(evidence());
     (0..5).for_each(|second| {
         drop(map.integrate(&[look("a", 0.0, 0.9, second * SECOND)], second * SECOND).unwrap())
@@ -644,13 +677,16 @@ fn a_map_of_before_there_were_tables_of_finer_cameras_goes_on() {
     // Head, terrain, method; 8 settings; no borders of gsd and tilt, 1 of the mean, 2 ratios, each with its count.
     let says = 20 + 16 + 1 + 8 * 8 + 4 + 4 + (4 + 4) + (4 + 2 * 4);
     assert_eq!(new[says..says + 4], 0f32.to_le_bytes());
-    let mut old = new[..new.len() - 4].to_vec();
-    old.drain(says..says + 4);
-    old[8..12].copy_from_slice(&6u32.to_le_bytes());
-    let payload = (old.len() - 20) as u64;
-    old[12..20].copy_from_slice(&payload.to_le_bytes());
-    old.extend(crc32fast::hash(&old).to_le_bytes());
-    assert_eq!(CrowdMap::from_bytes(&old, two_voxels()).unwrap().to_bytes(), new);
+    assert_eq!(new[says + 4], 0);
+    for (version, unknown) in [(7u32, says + 4..says + 5), (6, says..says + 5)] {
+        let mut old = new[..new.len() - 4].to_vec();
+        old.drain(unknown);
+        old[8..12].copy_from_slice(&version.to_le_bytes());
+        let payload = (old.len() - 20) as u64;
+        old[12..20].copy_from_slice(&payload.to_le_bytes());
+        old.extend(crc32fast::hash(&old).to_le_bytes());
+        assert_eq!(CrowdMap::from_bytes(&old, two_voxels()).unwrap().to_bytes(), new);
+    }
 }
 
 #[test]
@@ -687,7 +723,13 @@ fn a_saved_map_goes_on_as_if_it_had_never_stopped() {
     let or = Method::Or(Or::new(0.25).unwrap());
     let table = |ratios| LikelihoodRatio::new(vec![], vec![], vec![0.5], ratios).unwrap();
     let finer = evidence_of(table(vec![-2.0, 3.0]).with_finer(3.0, table(vec![-1.0, 2.0])).unwrap());
-    let stored = [finer, evidence_that_shows(), paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior), or];
+    let stored = [
+        finer,
+        evidence_of_what_opens_ground(),
+        evidence_that_shows(),
+        paper(0.1, 0.05, DecayUnit::Frame, Initial::Prior),
+        or,
+    ];
     for method in stored.into_iter().chain(compared_methods()) {
         let mut whole = map(method);
         instants(&mut whole, 0..10);
@@ -711,8 +753,8 @@ fn a_file_of_another_terrain_version_or_kind_is_refused() {
     assert!(message(b"PNG").contains("too short"));
     assert!(message(&[b'x'; 100]).contains("does not begin with CROWDMAP"));
     let mut newer = bytes.clone();
-    newer[8] = 8;
-    assert!(message(&newer).contains("version 8; this build reads version 1 to 7"));
+    newer[8] = 9;
+    assert!(message(&newer).contains("version 9; this build reads version 1 to 8"));
     assert!(message(&bytes[..bytes.len() - 1]).contains("shorter or longer"));
     let mut flipped = bytes.clone();
     flipped[100] ^= 1;

@@ -15,6 +15,7 @@
 //! ones weigh what their age leaves, and reading at any stamp is exact.
 
 mod borders;
+mod from_below;
 mod interval;
 mod likelihood;
 mod stored;
@@ -24,6 +25,7 @@ use std::sync::Arc;
 use super::{CLEARLY, Elapsed, FusionMethod, InstantOrder, Parameter, VoxelLook};
 use crate::error::{Result, require};
 
+pub use from_below::FromBelow;
 pub use likelihood::{Finer, LikelihoodRatio};
 
 /// Drones of a larger fleet share so many weights, which counts them as fewer than they are.
@@ -63,6 +65,8 @@ pub struct EvidenceSettings {
     /// Focal length of the cameras of the calibration, pixels: taken for a view that does not say its own, and a look of a
     /// finer camera weighs as little finer than theirs.
     pub focal_px: f64,
+    /// Which looks from below the top of a place count.
+    pub from_below: FromBelow,
 }
 
 /// What looks leave at a voxel, as of the last of them.
@@ -103,9 +107,9 @@ impl FusionMethod for Evidence {
 
     /// From below its top, where the tilt is negative, a camera sees the side of a place, and of those who stand on it
     /// at most the nearest: that nobody shows there clears nothing. Nor does a look from under the ground, through a
-    /// hole of the map.
+    /// hole of the map. Of a class that opens ground it is the other way round ([`FromBelow`]).
     fn tells(&self, look: &VoxelLook) -> bool {
-        look.tilt_deg > 0.0 || self.says(look).0 > 0.0
+        look.tilt_deg > 0.0 || self.settings.from_below.tells(self.says(look).0)
     }
 
     fn probability(&self, sum: LooksSum, fading: f32) -> f64 {
@@ -167,8 +171,9 @@ impl FusionMethod for Evidence {
     }
 
     fn parameters(&self) -> Vec<(&'static str, Parameter)> {
-        let named = self.settings.named();
-        named.into_iter().map(|(name, number)| (name, Parameter::Number(number))).collect()
+        let numbers = self.settings.numbers().map(|(name, number)| (name, Parameter::Number(number)));
+        let from_below = ("from_below", Parameter::Choice(self.settings.from_below.name()));
+        numbers.into_iter().chain([from_below]).collect()
     }
 }
 
@@ -242,8 +247,8 @@ fn alone(weight: f64, log_ratio: f32, doubt: f64) -> f64 {
 }
 
 impl EvidenceSettings {
-    /// All of them by name, in the order of files.
-    pub fn named(&self) -> [(&'static str, f64); 8] {
+    /// All numbers by name, in the order of files.
+    pub fn numbers(&self) -> [(&'static str, f64); 8] {
         [
             ("prior", self.prior),
             ("memory_s", self.memory_s),

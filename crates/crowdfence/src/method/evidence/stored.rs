@@ -1,24 +1,26 @@
 //! f64 prior, memory_s, sharp_gsd_m, doubt, agreement, threshold, cleared, focal_px; then the borders and the table of
 //! the likelihood ratio, each a u32 count and f32 numbers: gsd_m, tilt_deg, mean, log_ratio; since version 7 of the file
-//! f32 how many times as fine the cameras of another table are and that table alike, or 0 for none. A belief is f32
-//! evidence and three f32 weights.
+//! f32 how many times as fine the cameras of another table are and that table alike, or 0 for none; since version 8 u8
+//! which looks from below count: 0 = those for the class, as before, 1 = those against it. A belief is f32 evidence and
+//! three f32 weights.
 
 use std::sync::Arc;
 
 use super::likelihood::MOST_ENTRIES;
-use super::{DRONE_WEIGHTS, Evidence, EvidenceSettings, Finer, LikelihoodRatio, LooksSum};
+use super::{DRONE_WEIGHTS, Evidence, EvidenceSettings, Finer, FromBelow, LikelihoodRatio, LooksSum};
 use crate::error::Result;
 use crate::method::Stored;
 use crate::sealed::{Reader, Writer};
 
 impl Stored for Evidence {
     fn write(&self, payload: &mut Writer) {
-        self.settings.named().into_iter().for_each(|(_, number)| payload.f64(number));
+        self.settings.numbers().into_iter().for_each(|(_, number)| payload.f64(number));
         self.likelihood.write(payload);
+        payload.u8(u8::from(self.settings.from_below == FromBelow::Against));
     }
 
     fn read(reader: &mut Reader<'_>, version: u32) -> Result<Evidence> {
-        let settings = EvidenceSettings {
+        let mut settings = EvidenceSettings {
             prior: reader.f64()?,
             memory_s: reader.f64()?,
             sharp_gsd_m: reader.f64()?,
@@ -27,8 +29,13 @@ impl Stored for Evidence {
             threshold: reader.f64()?,
             cleared: reader.f64()?,
             focal_px: reader.f64()?,
+            from_below: FromBelow::For,
         };
-        Evidence::new(Arc::new(LikelihoodRatio::read(reader, version)?), settings)
+        let likelihood = LikelihoodRatio::read(reader, version)?;
+        if version >= FROM_BELOW_SINCE {
+            settings.from_below = reader.choice(&[FromBelow::For, FromBelow::Against])?;
+        }
+        Evidence::new(Arc::new(likelihood), settings)
     }
 
     fn write_belief(sum: LooksSum, payload: &mut Writer) {
@@ -49,6 +56,8 @@ impl Stored for Evidence {
     }
 }
 
+/// From this version of the file on a map says which looks from below count.
+const FROM_BELOW_SINCE: u32 = 8;
 /// From this version of the file on tables may have that of finer cameras beside them.
 const FINER_SINCE: u32 = 7;
 

@@ -20,6 +20,7 @@ fn settings() -> EvidenceSettings {
         threshold: 0.5,
         cleared: 0.1,
         focal_px: 100.0,
+        from_below: FromBelow::For,
     }
 }
 
