@@ -618,7 +618,7 @@ def crowd_map(tmp_path: Path) -> Path:
 def test_crowd_map_without_and_with_its_terrain(crowd_map: Path) -> None:
     head = report(crowd_map)
     terrain = report(crowd_map.with_name("plain.bt"), "--quick")["terrain"]
-    assert (head["version"], head["terrain_voxels"], head["content"]) == (7, 14_400, None)
+    assert (head["version"], head["terrain_voxels"], head["content"]) == (8, 14_400, None)
     assert head["terrain_fingerprint"] == terrain["fingerprint"]
     assert "--terrain" in inspect(crowd_map).stdout
     content = report(crowd_map, "--terrain", crowd_map.with_name("plain.bt"))["content"]
