@@ -69,7 +69,8 @@ class Given:
     def after(self, messages: list[tuple[str, str, bytes]], count: int) -> list[dict[str, Any]]:
         for role, kind, data in messages:
             self.intake.take(role, kind, data)
-        self.intake.start()
+        if not self.intake._thread.is_alive():
+            self.intake.start()
         give_up_s = time.monotonic() + 20.0
         while len(self.views) + len(self.reasons) < count and time.monotonic() < give_up_s:
             time.sleep(0.01)
@@ -138,6 +139,54 @@ def test_a_clock_that_was_set_back_gives_no_picture_the_intrinsics_of_before() -
         later.join()
     known.heard(59 * second + 500_000_000, TELE)  # overtaken on its way: nothing begins anew
     assert known.at(60 * second) == TELE
+
+
+def test_pictures_of_a_camera_that_calls_itself_uncalibrated_are_refused() -> None:
+    """As where it zoomed to where nobody calibrated it: they had the intrinsics of before."""
+    messages = [("info", INFO, info(1, WIDE)), ("info", INFO, info(2, TELE, k=np.zeros(9)))]
+    messages += [("heatmap", IMAGE, heatmap(1)), ("heatmap", IMAGE, heatmap(2))]
+    given = Given()
+    found = given.after(messages, 2)
+    assert [(view["stamp_ns"], view["camera"]["fx"]) for view in found] == [(1, 8.0)]
+    (reason,) = given.reasons
+    assert "its camera_info cannot be used: K in camera_info is all 0" in reason
+    assert given.refused["uav1"] == 1
+
+
+def test_a_camera_that_zoomed_and_tells_nothing_more_is_not_taken_as_it_was_last() -> None:
+    known = Intrinsics(0.0)
+    for stamp_ns, camera in ((1, WIDE), (2, TELE)):
+        known.heard(stamp_ns, camera)
+        assert known.at(stamp_ns) == camera
+    with pytest.raises(ValueError, match="the camera changes, and no camera_info of 3 has come"):
+        known.at(3)
+    known.heard(4, TELE)
+    assert known.at(3) == TELE  # that of the picture behind it says that it did not change
+
+
+def test_pictures_between_intrinsics_that_are_thinned_out_are_not_lost() -> None:
+    """A bridge lets one of ten pass, in step with its picture: every picture waited for one of its own, and
+    those behind it had no room."""
+    given, period_s, pictures = Given(), 0.02, 50
+    given.intake.start()
+    for number in range(pictures):
+        stamp_ns = SECOND_NS + round(number * period_s * SECOND_NS)
+        if number % 10 == 0:
+            given.intake.take("info", INFO, info(stamp_ns, WIDE))
+        given.intake.take("heatmap", IMAGE, heatmap(stamp_ns))
+        time.sleep(period_s)
+    given.intake.take("info", INFO, info(stamp_ns + 1, WIDE))
+    assert len(given.after([], pictures)) == pictures and not given.reasons
+
+
+def test_pictures_wait_once_for_intrinsics_that_come_too_seldom() -> None:
+    """Told every ten pictures, which is longer than a picture waits: one waits in vain, and none after it."""
+    known = Intrinsics(0.2)
+    known.heard(0, WIDE)
+    assert known.at(0) == WIDE
+    began_s = time.monotonic()
+    assert [known.at(stamp_ns) for stamp_ns in range(1, 10)] == [WIDE] * 9
+    assert 0.2 <= time.monotonic() - began_s < 0.8  # nine waits are 1.8 s
 
 
 def test_a_stream_keeps_the_newest_only() -> None:

@@ -10,6 +10,7 @@ import queue
 from threading import Event, Thread
 from typing import Any
 
+from crowdfence._core import Camera
 from crowdfence.service.alerts import Alerts
 from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Refused
@@ -23,8 +24,8 @@ from crowdfence.sources.mission.camera_info import camera_from_info, rectified_c
 from crowdfence.sources.ros_bag.picture import encoded_picture, heatmap_pixels
 
 _LOG = logging.getLogger(__name__)
-_ROOM = 4
-"""Pictures of a drone that wait for their poses."""
+_ROOM = 16
+"""Pictures of a drone that wait for their poses, or for the camera_info that says what they are of."""
 _LISTEN_S = 0.2
 _INFO_WITHIN_S = 2.0
 
@@ -69,7 +70,7 @@ class Intake:
                 self._waiting.put_nowait((role, kind, data))
             elif role == "info":
                 info = ros2_messages.decode(kind, data)
-                self._intrinsics.heard(ros2_messages.time_ns(info.header.stamp), self._camera_of(info))
+                self._intrinsics.heard(ros2_messages.time_ns(info.header.stamp), self._camera(info))
             elif self._poses is not None:
                 message = ros2_messages.decode(kind, data)
                 if role == "tf":
@@ -77,9 +78,19 @@ class Intake:
                 else:
                     self._poses.posed(message)
         except queue.Full:
-            self._refuse(f"{_ROOM} pictures of {self._drone} wait for their poses; newer ones are left out")
+            self._refuse(
+                f"{_ROOM} pictures of {self._drone} wait for their poses or camera_info; newer ones are left "
+                "out"
+            )
         except (ValueError, KeyError) as error:
             self._refuse(f"a message of {self._drone} ({role}, {kind}) cannot be used: {error}")
+
+    def _camera(self, info: Any) -> Camera | str:
+        """Why it is none, for the pictures that it is of: an earlier one is not theirs."""
+        try:
+            return self._camera_of(info)
+        except ValueError as error:
+            return f"its camera_info cannot be used: {error}"
 
     def _give_all(self) -> None:
         while not self._stopping.is_set():
