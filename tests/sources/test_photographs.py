@@ -333,6 +333,18 @@ def test_angles_that_are_no_degrees_or_have_a_comma_say_nothing(
         open_recording(path)
 
 
+@pytest.mark.parametrize("written", ["9.5e-05", "-9.5E-05", "+0.000095", "95/1000000"])
+def test_a_small_angle_with_an_exponent_is_small(tmp_path: Path, written: str) -> None:
+    """As programs write it that print numbers as they are: its digits alone are a roll of 9.5 degrees."""
+    xmp = (
+        'drone-dji:GimbalYawDegree="90" drone-dji:GimbalPitchDegree="0.0" '
+        f'drone-dji:GimbalRollDegree="{written}"'
+    )
+    path = write_photograph(tmp_path / "a.jpg", frames()[0].image(), 10**18, (46.5, 8.0, 50.0), xmp)
+    half = np.radians(45.0)
+    assert read_tags(path).attitude_ned == pytest.approx([np.cos(half), 0, 0, np.sin(half)], abs=1e-6)
+
+
 def test_a_place_with_a_decimal_comma_is_that_of_exif(tmp_path: Path) -> None:
     """Cut at the comma it would be up to 100 km off."""
     xmp = dji((1.0, -45.0, 0.0), 'drone-dji:GpsLatitude="46,5123" drone-dji:GpsLongitude="8,0123"')

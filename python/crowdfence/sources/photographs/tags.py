@@ -48,8 +48,10 @@ _XMP_VALUE = re.compile(
 _SKYDIO = re.compile(rb"drone-skydio:CameraOrientationNED(.{0,400})", re.DOTALL)
 _SKYDIO_END = re.compile(rb"/>|</drone-skydio:CameraOrientationNED")
 """What follows may be the drone's own attitude, whose angles have the same names."""
-_NUMBER = re.compile(r"\s*([-+]?\d{1,9}(?:\.\d{0,30})?)(?:/(\d{1,9}))?(?![.,]?\d)")
-"""None with a decimal comma, whose digits behind it would be lost."""
+_NUMBER = re.compile(
+    r"\s*([-+]?\d{1,9}(?:\.\d{0,30})?(?:[eE][-+]?\d{1,2})?)(?:/(\d{1,9}))?(?![.,]?\d|[eE][-+]?\d)"
+)
+"""None with a decimal comma, whose digits behind it would be lost. Programs write small angles as 9.5e-05."""
 _ANGLES = ("Yaw", "Pitch", "Roll")
 _BELOW = (1, 3)
 """GPSAltitudeRef of heights that are to be taken negative."""
