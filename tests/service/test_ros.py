@@ -744,6 +744,38 @@ def test_gaps_and_frames_without_a_way_are_refused() -> None:
     assert by_tf.newest_ns is None and by_tf.lacks == f"no tf of something that moves leads to {FRAME}"
 
 
+def turning(time_s: float) -> np.ndarray:
+    """A right angle from 1.0 to 1.45 s, a camera 20 m up that looks down ahead."""
+    pose = np.eye(4)
+    heading_deg = 90.0 * np.clip((time_s - 1.0) / 0.45, 0.0, 1.0)
+    down = Rotation.from_euler("x", 135.0, degrees=True)
+    pose[:3, :3] = (Rotation.from_euler("z", -heading_deg, degrees=True) * down).as_matrix()
+    pose[:3, 3] = (0.0, 0.0, 20.0)
+    return pose
+
+
+@pytest.mark.parametrize("step_s", [0.02, 0.5])
+@pytest.mark.parametrize("role", ["camera_pose", "tf"])
+def test_a_turn_that_nobody_told_is_not_made_up(role: Any, step_s: float) -> None:
+    """As in bags: 40 degrees off in the middle of a pause of 0.9 s; poses that come seldom are bridged."""
+    feed = RosPoses(role, None)
+    feed.camera_frame = FRAME
+    for number in range(round(2.5 / step_s)):
+        time_s = number * step_s
+        stamp_ns = START_NS + round(time_s * SECOND_NS)
+        if step_s < 0.1 and 0.6 < time_s < 1.5:
+            continue
+        if role == "tf":
+            feed.transformed(decoded(tf_message(stamp_ns, "map", FRAME, turning(time_s))), fixed=False)
+        else:
+            feed.posed(decoded(pose_message(stamp_ns, turning(time_s))))
+    if step_s < 0.1:
+        with pytest.raises(ValueError, match=r"gap of 0\.900 s there \(limit max_pose_gap_s = 0\.25 s\)"):
+            feed.pose_at(START_NS + SECOND_NS)
+    for time_s in (0.55, 1.9):
+        assert np.allclose(feed.pose_at(START_NS + round(time_s * SECOND_NS)), turning(time_s))
+
+
 def test_poses_are_kept_for_as_long_as_views_may_be_late() -> None:
     feed = RosPoses("camera_pose", None)
     message = decoded(pose_message(START_NS, straight_down(1.0)))

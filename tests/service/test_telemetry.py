@@ -492,6 +492,28 @@ def test_one_message_that_cannot_be_taken_does_not_end_all_poses(
         until(lambda: newest_ns(service) > 0)
 
 
+@pytest.mark.parametrize("every", [1, 10])
+def test_a_pause_of_attitudes_is_bridged_only_where_they_come_so_seldom(every: int) -> None:
+    """At 50 Hz one of 0.6 s may hide a turn, and a log of the flight refuses it; at 5 Hz half of that is
+    usual, and one of 0.2 s is none."""
+    telemetry = Telemetry("uav1", ground(), mission().georeference, SEA)
+    flown = rows()[:101]
+    for number, row in enumerate(flown):
+        messages = [position(row)] if number % 10 == 0 else []
+        if number % every == 0 and not (every == 1 and 40 < number < 70):
+            messages.append(gimbal(row))
+        for message in messages:
+            message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1))
+            telemetry.heard(message, row.stamp_ns)
+    if every == 1:
+        with pytest.raises(ValueError, match=r"gap of 0\.6\d0 s there"):
+            telemetry.pose_at(flown[55].stamp_ns)
+    else:
+        found = telemetry.pose_at(flown[55].stamp_ns)
+        assert np.allclose(found[:3, 3], flown[55].position, atol=0.1)
+    telemetry.pose_at(flown[80].stamp_ns)
+
+
 def test_what_each_row_is_off_by_itself_is_taken_out_of_its_neighbours() -> None:
     """Rows of half a metre's and half a degree's noise, as far as they have come when the view does."""
     dice = np.random.default_rng(4)

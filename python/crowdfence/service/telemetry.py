@@ -25,6 +25,7 @@ from crowdfence.sources.film.receivers import ADRIFT, RECEIVERS, Receivers
 from crowdfence.sources.film.tlog import KINDS, gimbal_of, log_of_boots
 from crowdfence.sources.geographic_track import HeightOptions, local_track
 from crowdfence.sources.ground_contact import settled_track
+from crowdfence.sources.place_camera import bridged_s
 from crowdfence.sources.pose_noise import GivenNoise, steadied_as
 from crowdfence.sources.rotation import are_unset
 
@@ -50,7 +51,7 @@ class TelemetryOptions:
     """How the camera hangs, where no gimbal tells it."""
     heights: HeightOptions = field(default_factory=HeightOptions)
     max_gap_s: float = 1.0
-    """Longest pause of positions or attitudes that is bridged."""
+    """Longest pause of positions that is bridged; of attitudes where they usually come so seldom."""
     noise: GivenNoise | None = None
     """What each row is off by itself; None: it is taken as it is."""
 
@@ -290,7 +291,10 @@ class Telemetry:
             # Without a home the first of these few positions would stand for it.
             self._take_off_doubt = next(iter(placed.take_off_doubts if log.take_off else []), None)
             track = settled_track(self._drone, track, placed.contact, self._terrain)
-        return steadied_as(track, self._options.noise).at(stamp_ns, self._options.max_gap_s)
+        track = steadied_as(track, self._options.noise)
+        gap_s = self._options.max_gap_s
+        # Rows are as dense as attitudes, where any count; a mount against north is the same in a pause too.
+        return track.at(stamp_ns, bridged_s(track, gap_s) if len(self._telling()) > 1 else gap_s)
 
     def _around(self, kind: str, at_ms: int) -> list[Any]:
         kept = self._messages[kind]

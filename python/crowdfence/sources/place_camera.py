@@ -4,6 +4,8 @@ the pose at its stamp, or the reason why not."""
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from crowdfence._core import Camera
 from crowdfence.sources.pose_track import PoseGapError, PoseTrack
 from crowdfence.sources.recorded_truth import FrameTruth
@@ -27,6 +29,13 @@ class Limits:
             value = getattr(self, name)
             if not value > 0:
                 raise ValueError(f"{name} must be positive, got {value}")
+
+
+def bridged_s(track: PoseTrack, most_s: float) -> float:
+    """Longest pause of a live track that a pose is interpolated over: as in a recording, or half as much
+    again as is usual in it, at most `most_s`. A drone turns by a right angle in half a second."""
+    usual_s = float(np.median(np.diff(track.stamps_ns))) / 1e9 if len(track) > 1 else 0.0
+    return min(max(Limits().max_pose_gap_s, 1.5 * usual_s), most_s)
 
 
 @dataclass(frozen=True, slots=True)

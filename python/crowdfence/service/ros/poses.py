@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from threading import Condition
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.ros2_messages import time_ns
+from crowdfence.sources.place_camera import bridged_s
 from crowdfence.sources.pose_noise import GivenNoise, steadied_as
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.ros_bag.optical_frame import frame_doubt, optical_frame
@@ -198,6 +199,13 @@ class RosPoses:
     def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
         return steadied_as(self._track(stamp_ns), self._noise).at(stamp_ns, self._max_gap_s)
 
+    def _require_told(self, segments: Iterable[Segment], stamp_ns: int) -> None:
+        """ValueError where one of them pauses for longer than it does usually: how it turned meanwhile,
+        nobody knows."""
+        for segment in segments:
+            if isinstance(segment, PoseTrack):
+                segment.at(stamp_ns, bridged_s(segment, self._max_gap_s))
+
     def _track(self, stamp_ns: int) -> PoseTrack:
         if self._role == "tf":
             tree = self._tree(stamp_ns)
@@ -209,12 +217,15 @@ class RosPoses:
             if is_ned(root):
                 self._tell_ned(root)
                 segments = [NED_WORLD, *segments]
+            self._require_told(segments, stamp_ns)
             return composed(segments, self._max_gap_s)
         rows = [row for row in self._rows if abs(row[0] - stamp_ns) <= _AROUND_NS]
         stamps, positions, quaternions = zip(*rows, strict=True) if rows else ((), (), ())
         given, _ = track_from_rows(stamps, np.array(positions), np.array(quaternions))
         is_used = self._role == "camera_pose" or self._mount is None or self._mount.needs_body
         self._unset = is_used and len(given) > 1 and are_unset(given.quaternions)
+        if is_used:
+            self._require_told([given], stamp_ns)
         if self._in_ned:
             given = composed([NED_WORLD, given], self._max_gap_s)
         return given if self._role == "camera_pose" else self._on_body(given, stamp_ns)
@@ -233,6 +244,7 @@ class RosPoses:
             )
         self._require_one_parent(path, stamp_ns)
         segments: list[Segment] = [body, *tree.segments(path)]
+        self._require_told(segments, stamp_ns)
         return composed(segments, self._max_gap_s)
 
     def _optical(self, tree: TransformTree) -> str:
