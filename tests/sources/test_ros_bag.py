@@ -743,6 +743,26 @@ def test_heatmaps_of_a_drone_whose_pictures_were_not_recorded_are_its_own(tmp_pa
     assert not any("left out" in warning for warning in found.warnings)
 
 
+def test_heatmaps_with_stamps_of_their_own_cost_no_picture_and_are_told(tmp_path: Path) -> None:
+    """A detector that stamps what it makes with the moment of making: taken one topic behind the other, all
+    but one picture were refused, as of a clock that runs ahead."""
+    messages: list[Any] = []
+    for topic, kind, stamp_ns, fields in picture_messages(DRONE, OPTICAL):
+        if topic.endswith("heatmap"):
+            stamp_ns += 80_000_000
+            fields = fields | {"header": header(stamp_ns, OPTICAL)}
+        messages.append((topic, kind, stamp_ns, fields))
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", [*messages, *camera_pose_messages()]))
+    pictures = [one.stamp_ns for one in frames()]
+    assert not found.refused
+    assert [one.stamp_ns for one in found.frames if one.pixels.image is not None] == pictures
+    assert [one.stamp_ns for one in found.frames if one.pixels.heatmap is not None] == [
+        stamp_ns + 80_000_000 for stamp_ns in pictures
+    ]
+    (told,) = [one for one in found.warnings if "has the stamp of a picture" in one]
+    assert told.startswith("uav1: none of the 6 heatmaps of /uav1/heatmap has the stamp of a picture of ")
+
+
 def test_heatmaps_that_may_be_of_either_drone_are_nobodys_and_told(tmp_path: Path) -> None:
     messages: list[Any] = []
     for drone in ("uav1", "uav2"):

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from heapq import merge
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,8 @@ _INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
 """Times a unit quaternion."""
 _BODY = ("base", "body", "fcu", "imu", "gimbal", "camera", "cam")
 """Frames whose names begin so are on the drone: a tree that ends there does not reach the world."""
+_FEWEST_HEATMAPS = 3
+"""Fewer may be of pictures that were not recorded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -399,9 +402,16 @@ class _Reader:
             stamp_ns: infos.rectified if rectified else infos.raw
             for stamp_ns, infos in self.content.cameras.get(one.info or "", {}).items()
         }
+        if len(heatmaps) >= _FEWEST_HEATMAPS and pictures and not pictures.keys() & heatmaps.keys():
+            self.warnings.append(
+                f"{one.drone}: none of the {len(heatmaps)} heatmaps of {one.heatmap} has the stamp of a "
+                f"picture of {one.camera}: where they are stamped as they are made, each gets the pose of "
+                "that moment, and what it shows is put beside; give them the stamps of their pictures"
+            )
         only = next(iter(cameras.values())) if len(set(map(id, cameras.values()))) == 1 else None
         unplaced = []
-        for stamp_ns in dict.fromkeys([*pictures, *heatmaps]):
+        # Each topic in its own order, which tells of clocks; one behind the other they would look disordered.
+        for stamp_ns in dict.fromkeys(merge(pictures, heatmaps)):
             camera = self.options.calibration or cameras.get(stamp_ns, only)
             fault = camera if isinstance(camera, str) else None
             pixels = self._pixels(pictures.get(stamp_ns), heatmaps.get(stamp_ns))
