@@ -226,6 +226,28 @@ def test_missing_data_is_a_hole_of_its_own_size_and_never_height_zero(tmp_path, 
     assert set(columns.values()) == {50.5}
 
 
+@pytest.mark.parametrize("kind", ["alpha", "alpha beside a value", "mask beside a value"])
+@pytest.mark.parametrize("dtype", ["float32", "int16", "uint16"])
+def test_all_that_a_file_says_of_missing_data_counts(tmp_path, kind, dtype):
+    """GDAL's mask holds one of mask, value and alpha, and of most types no alpha."""
+    mark = None if kind == "alpha" else 9.0
+    heights, valid = np.full((3, 5), 7.0), np.full((3, 5), 255.0)
+    valid[1, 1] = 0.0
+    if mark is not None:
+        heights[1, 3] = mark
+    transform, path = from_origin(10, 23, 1, 1), tmp_path / "a.tif"
+    if kind.startswith("alpha"):
+        write_tif(path, np.stack([heights, valid]), None, transform, dtype=dtype, nodata=mark, alpha="YES")
+    else:
+        write_tif(path, heights, None, transform, dtype=dtype, nodata=mark)
+        with rasterio.open(path, "r+") as dataset:
+            dataset.write_mask(valid.astype(np.uint8))
+    columns = heights_by_column(open_terrain(path, assume_local=True, max_hole_m2=0))
+    missing = {(11, 21)} | (set() if mark is None else {(13, 21)})
+    assert columns.keys() == {(10 + i, 20 + j) for i in range(5) for j in range(3)} - missing
+    assert set(columns.values()) == {7.5}
+
+
 def test_nothing_is_interpolated_across_what_splits_the_map(tmp_path):
     heights = np.array([[10.0, 10.0, -9999.0, 90.0, 90.0]] * 3)
     terrain = open_terrain(local_map(tmp_path, heights), assume_local=True, voxel_size_m=0.25)

@@ -66,21 +66,15 @@ class HeightRaster:
 
     def read(self, rows: slice, columns: slice) -> NDArray[np.float64]:
         """Heights as written in the file (scale and offset applied), NaN where data is missing."""
-        from rasterio.errors import RasterioError
-
-        window = ((rows.start, rows.stop), (columns.start, columns.stop))
-        try:
-            raw = self.dataset.read(self.band, window=window, masked=True)
-        except RasterioError as error:
-            raise MapError(
-                self.path,
-                f"rows {rows.start} to {rows.stop - 1} cannot be read "
-                f"({one_line(error.__cause__ or error)}): the file is truncated or damaged",
-            ) from error
+        raw = self._stored(self.band, rows, columns)
         missing = np.ma.getmaskarray(raw).copy()
         values = np.ma.getdata(raw).astype(np.float64)
-        if self.nodata is not None:
-            missing |= values == self.nodata
+        # GDAL's mask is one of the file's mask, its value and its alpha, and of most types no alpha.
+        for mark in (self.dataset.nodatavals[self.band - 1], self.nodata):
+            if mark is not None:
+                missing |= values == mark
+        for alpha in self._alpha_bands():
+            missing |= np.ma.getdata(self._stored(alpha, rows, columns)) == 0
         missing |= ~np.isfinite(values)
         values *= self.dataset.scales[self.band - 1]
         values += self.dataset.offsets[self.band - 1]
@@ -88,6 +82,26 @@ class HeightRaster:
         if self.bridges is not None:
             self.bridges.into(values, rows, columns)
         return values
+
+    def _alpha_bands(self) -> list[int]:
+        from rasterio.enums import ColorInterp
+
+        meanings = zip(self.dataset.indexes, self.dataset.colorinterp, strict=True)
+        return [band for band, meaning in meanings if meaning is ColorInterp.alpha and band != self.band]
+
+    def _stored(self, band: int, rows: slice, columns: slice) -> np.ma.MaskedArray[Any, Any]:
+        """Values of a band as they are in the file, with GDAL's mask."""
+        from rasterio.errors import RasterioError
+
+        window = ((rows.start, rows.stop), (columns.start, columns.stop))
+        try:
+            return self.dataset.read(band, window=window, masked=True)
+        except RasterioError as error:
+            raise MapError(
+                self.path,
+                f"rows {rows.start} to {rows.stop - 1} cannot be read "
+                f"({one_line(error.__cause__ or error)}): the file is truncated or damaged",
+            ) from error
 
     def range(self, unit_m: float) -> tuple[float, float]:
         """Lowest and highest height as written in the file.
