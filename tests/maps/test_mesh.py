@@ -118,6 +118,7 @@ DIALECTS = {
     "mark of bytes": "\ufeff" + LOW + HIGH + "f -8 -7 -6 -5\nf -4 -3 -2 -1\n",
     "path": "# C:\\models\\\n" + LOW + HIGH + "f 1 2 3 4\nf 5 6 7 8\n",
     # As many numbers in the line of the one as in that of the other.
+    "textured in part": LOW + HIGH + "vt 0 0\nf 1/1 2 3/1 4\nf 5/1 6 7 8/1\n",
     "uneven": LOW + HIGH + "vn 0 0 1\nf 1//1 2//1 3//1\nf 1//1 3//1 4//1\nf 5 6 7 7 8 5\n",
 }
 
@@ -175,7 +176,7 @@ BROKEN = [
     ("index.obj", obj(faces=[(0, 1, 8)]), "not a readable mesh"),
     ("cut.obj", obj()[:-3], "line 9 gives a face 1 corner"),
     ("zero.obj", obj() + b"\nf 0 1 2", "line 10 gives a face the corner '0', and 4 vertices come before it"),
-    ("before.obj", obj() + b"\nf -1 -2 -5/-1", "line 10 gives a face the corner '-5/-1', and 4 vertices"),
+    ("before.obj", obj() + b"\nf -1 -2 -5/-1", "line 10 gives a face the corner '-5', and 4 vertices"),
     ("word.obj", obj() + b"\nf -1 -2 up", "line 10 gives a face the corner 'up'"),
     ("points.obj", obj(faces=[]), "holds no triangles"),
     # Surfaces that the parser passes over: a house so written was missing, and nothing said so.

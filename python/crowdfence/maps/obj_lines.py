@@ -29,9 +29,10 @@ _UNREAD = (b"fo ", b"call ", b"surf ", b"bzp ", b"bsp ", b"cdp ")
 
 
 def plain_obj(path: Path, data: bytes) -> bytes:
-    """`data` with vertices and faces that begin their lines, with positive indices, with triangles for faces
-    of five corners and more, and with quads whose notch is at the first corner or the third, so that a fan
-    covers them; the same bytes where they are so already, which costs 2 s for 100 MB.
+    """`data` with vertices and faces that begin their lines, with positive indices, those of vertices alone,
+    with triangles for faces of five corners and more, and with quads whose notch is at the first corner or
+    the third, so that a fan covers them; the same bytes where they are so already, which costs 2 s for
+    100 MB.
     MapError names a line with a surface of another kind, a face of fewer than three corners or too many, or
     an index that is none; whether a positive one exists, the parser finds out."""
     data = data.removeprefix(BOM_UTF8)
@@ -40,21 +41,16 @@ def plain_obj(path: Path, data: bytes) -> bytes:
     if unlike:
         lines = _joined([_unindented(line) for line in lines])
     _require_read(path, lines)
+    slashed = _without_slashes(lines)
     faces = [line for line in lines if line.startswith(b"f ")]
     together = b"\n".join(faces)
-    with_slash = sum(b"/" in line for line in faces)
     words = {len(line.split()) for line in faces}
     places = _places(lines) if words and max(words) > 4 else np.empty((0, 3))
-    is_plain = not (
-        b"-" in together
-        or b" 0" in together
-        or with_slash not in (0, len(faces))  # the parser goes by the count of numbers in a line
-        or not words <= {4, 5}
-    )
+    is_plain = not (b"-" in together or b" 0" in together or not words <= {4, 5})
     if not is_plain:
         _make_plain(path, lines, places)
     turned = 5 in words and _turn_quads(lines, places)
-    return data if is_plain and not turned and not unlike else b"\n".join(lines)
+    return data if is_plain and not turned and not unlike and not slashed else b"\n".join(lines)
 
 
 def _require_read(path: Path, lines: list[bytes]) -> None:
@@ -66,6 +62,18 @@ def _require_read(path: Path, lines: list[bytes]) -> None:
                 f"line {number} is a {kind!r}, a surface that cannot be read, and what it hides would be "
                 "called seen: write it as triangles (f), as a modelling program does that opens and saves it",
             )
+
+
+def _without_slashes(lines: list[bytes]) -> bool:
+    """Whether faces named textures or normals, which are left out, in place: the parser goes by the count of
+    numbers in a line, and of the first one."""
+    slashed = [number for number, line in enumerate(lines) if line.startswith(b"f ") and b"/" in line]
+    if not slashed:
+        return False
+    together = b"\n".join([lines[number] for number in slashed])
+    for number, line in zip(slashed, _TEXTURE_AND_NORMAL.sub(b"", together).split(b"\n"), strict=True):
+        lines[number] = line
+    return True
 
 
 def _unindented(line: bytes) -> bytes:
@@ -88,8 +96,7 @@ def _joined(lines: list[bytes]) -> list[bytes]:
 
 
 def _make_plain(path: Path, lines: list[bytes], places: NDArray[np.float64]) -> None:
-    """Faces as "f 1 2 3": absolute indices of vertices without those of textures and normals, in place, and
-    triangles for those of five corners and more."""
+    """Faces as "f 1 2 3": absolute indices, in place, and triangles for those of five corners and more."""
     vertices = 0
     for number, line in enumerate(lines, start=1):
         if line.startswith(b"v "):
@@ -116,7 +123,7 @@ def _turn_quads(lines: list[bytes], places: NDArray[np.float64]) -> bool:
     numbers = [
         number for number, line in enumerate(lines) if line.startswith(b"f ") and len(line.split()) == 5
     ]
-    corners = _TEXTURE_AND_NORMAL.sub(b"", b" ".join(lines[number][2:] for number in numbers))
+    corners = b" ".join(lines[number][2:] for number in numbers)
     try:
         quads = np.array(list(map(int, corners.split())), np.int64).reshape(-1, 4)
     except (ValueError, OverflowError):  # no indices, which the parser complains about
@@ -153,7 +160,7 @@ def _cut(indices: list[int], places: NDArray[np.float64]) -> list[list[int]]:
 
 def _absolute(path: Path, corner: bytes, number: int, vertices: int) -> int:
     try:
-        index = int(corner.partition(b"/")[0])
+        index = int(corner)
     except ValueError:
         index = 0
     if index == 0 or index < -vertices:
