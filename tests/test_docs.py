@@ -52,6 +52,7 @@ PAGES = [
     "foxglove",
 ]
 NOT_RUN = ("source ", "export ")
+ASCII_GRID = "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n5 5\n5 5\n"
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_dem(folder / "dem.tif")
     (folder / "tiles").mkdir()
     write_dem(folder / "tiles" / "1.tif")
-    (folder / "other.asc").write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n5 5\n5 5\n")
+    (folder / "other.asc").write_text(ASCII_GRID)
     write_log(folder)
     return folder
 
@@ -105,15 +106,36 @@ def run_page(desk: Path, page: str, monkeypatch: pytest.MonkeyPatch) -> None:
         # The demo with its recorded heatmaps: tests/cli/test_commands.py runs it as it is.
         monkeypatch.setattr("crowdfence.pipeline.choose_detector", lambda *_, **__: None)
     for language, code in blocks(page):
-        if language == "python":
-            exec(compile(code, f"{page}.md", "exec"), {"__name__": "__main__"})
-            continue
-        if not language:  # a drawing
-            continue
-        assert language == "sh", f"{page}.md: code of kind {language!r} is run by nobody"
-        for line in code.splitlines():
-            if not line.startswith(NOT_RUN):
-                run(line)
+        run_block(page, language, code)
+
+
+def run_block(page: str, language: str, code: str) -> None:
+    if language == "python":
+        exec(compile(code, f"{page}.md", "exec"), {"__name__": "__main__"})
+        return
+    if not language:  # a drawing
+        return
+    assert language == "sh", f"{page}.md: code of kind {language!r} is run by nobody"
+    for line in code.splitlines():
+        if not line.startswith(NOT_RUN):
+            run(line)
+
+
+def test_tiles_that_the_page_of_maps_joins_and_cuts_keep_unit_and_scale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They would be feet taken for metres otherwise, and centimetres."""
+    monkeypatch.chdir(tmp_path)
+    Path("tiles").mkdir()
+    write_dem(Path("tiles/1.tif"))
+    Path("other.asc").write_text(ASCII_GRID)
+    with rasterio.open("tiles/1.tif", "r+") as tile:
+        tile.units, tile.scales, tile.offsets = ("ft",), (0.01,), (1000.0,)
+    for language, code in blocks("maps"):
+        if "tiles/" in code:
+            run_block("maps", language, code)
+    with rasterio.open("flight.tif") as made:
+        assert (made.units, made.scales, made.offsets) == (("ft",), (0.01,), (1000.0,))
 
 
 def run(line: str) -> None:

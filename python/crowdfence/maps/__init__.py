@@ -210,7 +210,8 @@ def _suffix(path: Path) -> str:
             held += "; tiles of a height model become one file with rio merge, see docs/maps.md"
         raise MapError(path, f"is a folder, not a map file; {held}")
     if suffix not in SUFFIXES:
-        cure = f"; make a .tif of it: rio convert {path.name} {path.stem}.tif" if suffix in _RASTERS else ""
+        convert = f"; make a .tif of it: rio convert {path.name} {path.stem}.tif, see docs/maps.md"
+        cure = convert if suffix in _RASTERS else ""
         raise MapError(path, f"suffix {suffix!r} is not one of a map file: {known}{cure}")
     if path.is_fifo():
         raise MapError(path, "is a pipe; save what it gives in a file, and name that")

@@ -132,14 +132,14 @@ def _check_size(path: Path, dataset: Any) -> None:
         raise MapError(
             path,
             f"has {dataset.width} x {dataset.height} pixels, the bound is {MAX_PIXELS}; cut it to the area "
-            "of the flight (rio clip)",
+            "of the flight (rio clip, see docs/maps.md)",
         )
     block = max(rows * columns for rows, columns in dataset.block_shapes)
     if block > MAX_BLOCK_PIXELS:
         raise MapError(
             path,
             f"stores {block} pixels in one piece, the bound is {MAX_BLOCK_PIXELS}; rewrite it in tiles "
-            "(rio convert --co TILED=YES)",
+            "(rio convert --co TILED=YES, see docs/maps.md)",
         )
 
 
@@ -200,7 +200,8 @@ def _terrain(path: Path, projection: RasterProjection, size_m: float) -> Terrain
         raise MapError(
             path,
             f"{columns[0]:.0f} x {columns[1]:.0f} columns of {size_m:g} m are more than {MAX_COLUMNS}; pass "
-            f"a voxel_size_m above {fitting_m:.3g}, or cut the file to the area of the flight (rio clip)",
+            f"a voxel_size_m above {fitting_m:.3g}, or cut the file to the area of the flight (rio clip, see "
+            "docs/maps.md)",
         )
     origin = low * size_m
     grid = LocalGrid(origin[0], origin[1], size_m, (int(columns[0]), int(columns[1])))
