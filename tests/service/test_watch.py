@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 from shapely import box
 
-from crowdfence import View, project
+from crowdfence import Camera, View, project
 from crowdfence.config import EvidenceConfig, RunConfig
 from crowdfence.service import intake, watch
 from crowdfence.service.clock import Clock
@@ -181,6 +181,53 @@ def test_two_drones_of_one_name_are_an_alarm(
             service.live.finish()
             watch.look()
             assert active(service, "drone_doubled") == set()
+
+
+def turning_at(number: int, *, reverse: bool, camera: Camera = CAMERA) -> bytes:
+    """A camera that looks down by 55 degrees and turns by 10 degrees a second, five views a second."""
+    heading, down = np.radians(40.0 + 2.0 * number), np.radians(55.0)
+    ahead = np.array([np.sin(heading), np.cos(heading), 0.0])
+    right = np.array([np.cos(heading), -np.sin(heading), 0.0])
+    forward = np.cos(down) * ahead - np.sin(down) * np.array([0.0, 0.0, 1.0])
+    turn = np.column_stack([right, np.cross(forward, right), forward])
+    world_from_camera = np.eye(4)
+    world_from_camera[:3, :3] = turn.T if reverse else turn
+    world_from_camera[:3, 3] = (30.0, 30.0, 18.0)
+    heatmap = np.zeros((12, 16), np.float32)
+    return message(View("uav1", START_NS + number * SECOND_NS // 5, camera, world_from_camera, heatmap))
+
+
+def test_attitudes_the_other_way_round_are_told_until_they_are_set_right(tmp_path: Path) -> None:
+    with running(tmp_path) as service:
+        watch = Watch(service)
+
+        def fly(numbers: range, *, reverse: bool) -> set[tuple[str | None, str | None]]:
+            for number in numbers:
+                service.live.intake.give_view(turning_at(number, reverse=reverse))
+            service.live.finish()
+            watch.look()
+            return active(service, "reversed_attitudes")
+
+        assert fly(range(20), reverse=True) == {("uav1", None)}
+        (alert,) = [one for one in service.alerts.all() if one.kind == "reversed_attitudes"]
+        # asin(cos 55 sin 40) and asin(cos 55 sin 78)
+        assert alert.text.startswith(
+            "uav1: by its attitudes the camera leans to the side by 22 to 34 degrees"
+        )
+        assert fly(range(20, 60), reverse=False) == set()
+
+
+def test_a_lens_that_no_camera_has_is_told(tmp_path: Path) -> None:
+    shifted = Camera.pinhole(CAMERA.width, CAMERA.height, CAMERA.fx, CAMERA.fy, 0.8 * CAMERA.width, CAMERA.cy)
+    with running(tmp_path) as service:
+        watch = Watch(service)
+        for number, camera in enumerate((shifted, CAMERA)):
+            service.live.intake.give_view(turning_at(number, reverse=False, camera=camera))
+            service.live.finish()
+            watch.look()
+            assert active(service, "doubtful_lens") == ({("uav1", None)} if camera is shifted else set())
+        (alert,) = [one for one in service.alerts.all() if one.kind == "doubtful_lens"]
+        assert alert.text.startswith("uav1: the principal point (12.8, ")
 
 
 def observed(drone: str, number: int) -> bytes:

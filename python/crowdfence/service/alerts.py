@@ -24,6 +24,8 @@ AlertKind = Literal[
     "detector_stale",
     "pose_gap",
     "pose_frames",
+    "reversed_attitudes",
+    "doubtful_lens",
     "alignment_unused",
     "mask_unused",
     "lost_crowd",

@@ -18,6 +18,8 @@ from crowdfence.service.track import Sighting, Track
 TRAIL = 240
 """Points of a trail at most."""
 _REMEMBERED = 20_000
+_TURNS = 500
+"""Attitudes that say how a camera hangs."""
 _SECOND_NS = 1_000_000_000
 _AMONG = 12
 """Sightings that say whether a drone is in two places."""
@@ -84,6 +86,12 @@ class Fleet:
         with self._lock:
             track = self._tracks.get(drone)
             return None if track is None else track.at()
+
+    def turns(self, drone: str) -> NDArray[np.float64]:
+        """Rotations [N, 3, 3] from camera to world of a drone's sightings, evenly thinned."""
+        with self._lock:
+            track = self._tracks.get(drone)
+            return np.empty((0, 3, 3)) if track is None else track.turns(_TURNS)
 
     def leaps_m(self, drone: str) -> float | None:
         """How far apart the places are between which a drone goes to and fro, faster than any drone flies; 0

@@ -87,7 +87,14 @@ class Track:
 
     def trail(self, stamp_ns: int | None, points: int) -> NDArray[np.float64]:
         """Positions [<= points, 3] up to then, evenly thinned, the newest among them."""
-        count = self.count_until(stamp_ns)
+        return np.ascontiguousarray(self._thinned(self.count_until(stamp_ns), points)[:, :, 3])
+
+    def turns(self, points: int) -> NDArray[np.float64]:
+        """Rotations [<= points, 3, 3] of all, from camera to world, thinned likewise."""
+        return np.ascontiguousarray(self._thinned(len(self), points)[:, :, :3])
+
+    def _thinned(self, count: int, points: int) -> NDArray[np.float64]:
+        """Poses [<= points, 3, 4] among the first `count`."""
         stride = max(1, -(-count // points))
-        kept = np.arange(count - 1, -1, -stride)[::-1]
-        return np.ascontiguousarray(self._rows["pose"][kept, :, 3])
+        poses: NDArray[np.float64] = self._rows["pose"][np.arange(count - 1, -1, -stride)[::-1]]
+        return poses

@@ -26,6 +26,8 @@ from crowdfence.service.recent_looks import WINDOW_S
 from crowdfence.service.service import Service
 from crowdfence.service.timeline import Moment, forget_before, trim_moments
 from crowdfence.service.write_trouble import LEAST_FREE_BYTES
+from crowdfence.sources.lens.doubtful import lens_doubt
+from crowdfence.sources.reversed_attitude import leans_reversed, reversal_doubt
 from crowdfence.zones import Zone
 from crowdfence.zones.square_metres import square_metres
 
@@ -94,6 +96,7 @@ class Watch:
         self._flood()
         self._doubles()
         self._poses()
+        self._cameras()
         self._unused_options()
         self._detector()
         self._same_answer()
@@ -239,6 +242,21 @@ class Watch:
         )
         apart = len(set(frames.values()))
         self._set(apart > 1, "pose_frames", "warning", text, measure=float(apart))
+
+    def _cameras(self) -> None:
+        """What a recording warns of when it is opened."""
+        fleet = self._service.fleet
+        for drone in fleet.drones:
+            last, turns = fleet.last(drone), fleet.turns(drone)
+            if last is None:
+                continue
+            lens = lens_doubt(last.camera)
+            self._set(lens is not None, "doubtful_lens", "warning", f"{drone}: {lens}", drone=drone)
+            attitudes = reversal_doubt(turns)
+            # A camera that hangs level both ways, as one that looks straight down, ends nothing.
+            if attitudes is not None or leans_reversed(turns):
+                text = f"{drone}: {attitudes}"
+                self._set(attitudes is not None, "reversed_attitudes", "warning", text, drone=drone)
 
     def _unused_options(self) -> None:
         """Offsets and masks for a drone that does not come: misspelled, they leave another as it is."""

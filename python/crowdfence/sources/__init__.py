@@ -231,10 +231,14 @@ def _with_doubts(recording: Recording) -> Recording:
     from crowdfence.sources.fleet_clocks import zone_doubts
     from crowdfence.sources.lens.doubtful import lens_doubt
     from crowdfence.sources.reversed_attitude import reversal_doubt
+    from crowdfence.sources.rotation import normalise, rotation_matrix
 
     cameras = dict.fromkeys((frame.drone, frame.camera) for frame in recording.frames)
     lenses = {drone: doubt for drone, camera in cameras if (doubt := lens_doubt(camera)) is not None}
-    attitudes = {drone: reversal_doubt(track) for drone, track in recording.tracks().items()}
+    attitudes = {
+        drone: reversal_doubt(rotation_matrix(normalise(track.quaternions)))
+        for drone, track in recording.tracks().items()
+    }
     doubts = [*sorted(lenses.items()), *sorted(attitudes.items())]
     said = [f"{drone}: {doubt}" for drone, doubt in doubts if doubt is not None]
     said += zone_doubts((frame.drone, frame.stamp_ns) for frame in recording.frames)

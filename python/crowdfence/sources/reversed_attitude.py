@@ -8,9 +8,7 @@ level comes out leaning to the side, by its heading; the other way round it hang
 from __future__ import annotations
 
 import numpy as np
-
-from crowdfence.sources.pose_track import PoseTrack
-from crowdfence.sources.rotation import normalise, rotation_matrix
+from numpy.typing import NDArray
 
 _LEVEL_DEG = 3.0
 """A camera on a gimbal leans no further to the side, but for one pose in twenty."""
@@ -20,18 +18,13 @@ _CHANGES_DEG = 10.0
 """And so much more than at another: a leaning that stays may be how the camera is mounted."""
 
 
-def reversal_doubt(track: PoseTrack) -> str | None:
-    """What is doubtful about the attitudes, as the end of a sentence that begins with whose they are; None
-    for those of a camera that hangs level, or that leans either way."""
-    if len(track) == 0:
+def reversal_doubt(world_from_camera: NDArray[np.float64]) -> str | None:
+    """What is doubtful about the attitudes of a camera, rotations [N, 3, 3], as the end of a sentence that
+    begins with whose they are; None where it hangs level, or leans either way."""
+    if len(world_from_camera) == 0 or leans_reversed(world_from_camera):
         return None
-    turns = rotation_matrix(normalise(track.quaternions))
-    # The height of the camera's x axis; of the inverse, which is the transpose, it is the other corner.
-    lean_deg, lean_of_inverse_deg = (
-        np.degrees(np.arcsin(np.clip(axis, -1.0, 1.0))) for axis in (turns[:, 2, 0], turns[:, 0, 2])
-    )
-    leans = np.abs(lean_deg).max() >= _LEANS_DEG and np.ptp(lean_deg) >= _CHANGES_DEG
-    if not leans or np.quantile(np.abs(lean_of_inverse_deg), 0.95) > _LEVEL_DEG:
+    lean_deg = _lean_deg(world_from_camera[:, 2, 0])
+    if np.abs(lean_deg).max() < _LEANS_DEG or np.ptp(lean_deg) < _CHANGES_DEG:
         return None
     return (
         f"by its attitudes the camera leans to the side by {lean_deg.min():.0f} to {lean_deg.max():.0f} "
@@ -39,3 +32,14 @@ def reversal_doubt(track: PoseTrack) -> str | None:
         "camera axes? Then zones are beside their crowds: give the inverse, which turns camera axes into "
         "world axes"
     )
+
+
+def leans_reversed(world_from_camera: NDArray[np.float64]) -> bool:
+    """Whether the inverse of attitudes [N, 3, 3] leans to the side, as that of usual ones does: these are not
+    the other way round. What hangs level both ways, as straight down or to the north, says nothing."""
+    # The inverse is the transpose.
+    return bool(np.quantile(np.abs(_lean_deg(world_from_camera[:, 0, 2])), 0.95) > _LEVEL_DEG)
+
+
+def _lean_deg(height_of_x_axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.degrees(np.arcsin(np.clip(height_of_x_axis, -1.0, 1.0)))
