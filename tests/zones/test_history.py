@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import tracemalloc
 from pathlib import Path
 
@@ -209,6 +210,20 @@ def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str, messa
         + (b"\xff" if damage == "bytes" else b"")
     )
     with pytest.raises(ZoneHistoryError, match=rf"history\.jsonl {message}"):
+        ZoneHistory.read(path)
+
+
+@pytest.mark.parametrize("corner", [math.nan, math.inf, 1e300, 0.5])
+def test_an_outline_that_no_run_has_written_is_refused(tmp_path: Path, corner: float) -> None:
+    """Of one that crosses itself nobody knows what it closes, and NaN was written into zone files."""
+    path = tmp_path / "history.jsonl"
+    flown().write(path)
+    header, first, *others = path.read_text().splitlines(keepends=True)
+    instant = json.loads(first)
+    ring = max(instant["zones"], key=lambda zone: zone["area_m2"])["polygon"][0][0]
+    ring[len(ring) // 2] = [corner, corner]
+    path.write_text("".join([header, json.dumps(instant) + "\n", *others]))
+    with pytest.raises(ZoneHistoryError, match=r"is damaged in line 2: zone Z\d+ (reaches to|is no area)"):
         ZoneHistory.read(path)
 
 

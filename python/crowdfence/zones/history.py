@@ -24,6 +24,7 @@ from crowdfence.atomic_file import atomic_path
 from crowdfence.georeference import Georeference
 from crowdfence.iso_time import iso_utc
 from crowdfence.zones.altitude_band import AltitudeBand
+from crowdfence.zones.area import require_area
 from crowdfence.zones.evidence import DroneEvidence
 from crowdfence.zones.tracker import ZoneEvent
 from crowdfence.zones.zone import Zone, ZoneSet, are_same, closed_of
@@ -37,6 +38,8 @@ _READ = (1, 2)
 _FORMAT = "crowdfence zone history"
 _OF_FILE = ("format", "version", "anchor_wgs84", "ground", "instants")
 """What its first line says beside the description."""
+_FARTHEST_M = 1e8
+"""From the anchor, as for views: there is no such place on Earth."""
 _OUTLINES = ("polygon", "crowd_outline")
 _GROUPS = ("zones", "unseen", "static")
 _OF_ZONES = tuple(field.name for field in fields(Zone))
@@ -160,7 +163,7 @@ class ZoneHistory:
                     sets,
                     None if anchor is None else Georeference(*anchor),
                     {name: value for name, value in header.items() if name not in _OF_FILE},
-                    None if ground is None else polygon_of(ground),
+                    None if ground is None else _outline_of(ground, "ground"),
                 )
             except ZoneHistoryError:
                 raise
@@ -287,7 +290,7 @@ def zone_of_record(record: Mapping[str, Any], before: Mapping[str, Zone] | None 
         if name not in values:
             values[name] = getattr((before or {})[values["id"]], name)
         elif values[name] is not None:
-            values[name] = polygon_of(values[name])
+            values[name] = _outline_of(values[name], f"zone {values['id']}")
     for name in ("probability_max", "probability_mean"):
         values[name] = math.nan if values[name] is None else values[name]
     values["seen_by"] = tuple(values["seen_by"])
@@ -313,6 +316,15 @@ def polygon_of(parts: Sequence[Sequence[Sequence[Sequence[float]]]]) -> Polygon 
 
     polygons = [shapely.Polygon(rings[0], rings[1:]) for rings in parts]
     return polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
+
+
+def _outline_of(parts: Sequence[Sequence[Sequence[Sequence[float]]]], name: str) -> Polygon | MultiPolygon:
+    """The same, of a file: ValueError for an outline that no run has written."""
+    outline = polygon_of(parts)
+    if not max(map(abs, outline.bounds)) < _FARTHEST_M:
+        raise ValueError(f"{name} reaches to {outline.bounds}, which are no local metres")
+    require_area(outline, name)
+    return outline
 
 
 def with_static(history: ZoneHistory, static: Sequence[Zone]) -> ZoneHistory:
