@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -182,8 +183,9 @@ _NEAREST = 9
 
 
 def areas_m2(zone: Cells, size_m: float) -> NDArray[np.float64]:
-    """Ground of the columns with each of `BUFFERS_M` around them, by columns whose middle lies inside. Costs
-    the zone and what is near it, not how far its parts are from each other."""
+    """Ground of the columns with each of `BUFFERS_M` around their edges, as `distance_m` counts people, by
+    columns whose middle lies inside. Costs the zone and what is near it, not how far its parts are from each
+    other."""
     from scipy.ndimage import distance_transform_edt
 
     margin = int(np.ceil(BUFFERS_M[-1] / size_m)) + 1
@@ -195,9 +197,11 @@ def areas_m2(zone: Cells, size_m: float) -> NDArray[np.float64]:
         first = np.maximum(near.min(axis=0) - margin, tile)
         last = np.minimum(near.max(axis=0) + margin, tile + side - 1)
         corner = np.minimum(first, near.min(axis=0))
-        free = np.ones(np.maximum(last, near.max(axis=0)) - corner + 1, np.bool_)
-        free[tuple((near - corner).T)] = False
-        apart_m = distance_transform_edt(free) * size_m
+        # In half columns, odd ones are middles, and those of a column with its edges are three by three.
+        free = np.ones(2 * (np.maximum(last, near.max(axis=0)) - corner + 1) + 1, np.bool_)
+        for aside in product((0, 1, 2), repeat=2):
+            free[tuple((2 * (near - corner) + aside).T)] = False
+        apart_m = distance_transform_edt(free)[1::2, 1::2] * (size_m / 2)
         (west, south), (east, north) = first - corner, last - corner + 1
         within = apart_m[west:east, south:north]
         inside += [np.count_nonzero(within <= buffer_m) for buffer_m in BUFFERS_M]
