@@ -41,7 +41,7 @@ class Inputs:
         """Where the poses of each drone come from. ValueError as for `Telemetry`, for a drone with two
         sources, and for drones that share a port without system ids."""
         check_ports(self.mavlink)
-        feeds: dict[str, PoseFeed] = {} if self.ros is None else self.ros.feeds()
+        feeds: dict[str, PoseFeed] = {} if self.ros is None else self.ros.feeds(anchor)
         for one in self.mavlink:
             if one.drone in feeds:
                 raise ValueError(f"the pose of {one.drone} comes from two sources")

@@ -236,9 +236,9 @@ class Watch:
         told = ", ".join(f"{drone} in {frame or '(no frame)'}" for drone, frame in frames.items())
         text = (
             f"poses come in frames that nothing joins ({told}): all are taken to count from --origin, and "
-            "what one drone sees may be put far from what another sees there; publish them in one frame, "
-            "give tf= in --topics, with tf from that frame to each camera, or take them by --mavlink; where "
-            "all autopilots were given one origin, acknowledge this"
+            "what one drone sees may be put far from what another sees there; name origin= of each in "
+            "--topics, publish them in one frame, give tf= in --topics, with tf from that frame to each "
+            "camera, or take them by --mavlink; where all autopilots were given one origin, acknowledge this"
         )
         apart = len(set(frames.values()))
         self._set(apart > 1, "pose_frames", "warning", text, measure=float(apart))

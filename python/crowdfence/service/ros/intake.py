@@ -73,7 +73,9 @@ class Intake:
                 self._intrinsics.heard(ros2_messages.time_ns(info.header.stamp), self._camera(info))
             elif self._poses is not None:
                 message = ros2_messages.decode(kind, data)
-                if role == "tf":
+                if role == "origin":
+                    self._poses.placed(message)
+                elif role == "tf":
                     self._poses.transformed(message, fixed=fixed)
                 else:
                     self._poses.posed(message)

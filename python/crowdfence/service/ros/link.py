@@ -13,9 +13,11 @@ from typing import Any
 
 from crowdfence.errors import one_line
 from crowdfence.exports.ros2.topics import TF_STATIC
+from crowdfence.georeference import Georeference
 from crowdfence.service.poses import PoseFeed
 from crowdfence.service.ros.intake import Intake
 from crowdfence.service.ros.keys import RosKeys
+from crowdfence.service.ros.own_origin import OwnOrigin
 from crowdfence.service.ros.poses import RosPoses
 from crowdfence.service.ros.publisher import RosPublisher
 from crowdfence.service.ros.topics import ROLES, message_type
@@ -42,17 +44,34 @@ class RosLink:
     noise: GivenNoise | None = None
     """What each pose is off by itself."""
 
-    def feeds(self) -> dict[str, PoseFeed]:
-        """Of the drones whose poses are published."""
+    def feeds(self, anchor: Georeference | None) -> dict[str, PoseFeed]:
+        """Of the drones whose poses are published, in the frame of a mission at `anchor`. ValueError for
+        poses of an origin of their own in a mission that has no place on Earth."""
         found: dict[str, PoseFeed] = {}
         for one in self.topics:
+            origin = self._origin(one, anchor)
             if one.camera_pose:
-                found[one.drone] = RosPoses("camera_pose", None, noise=self.noise, topic=one.camera_pose)
+                found[one.drone] = RosPoses(
+                    "camera_pose", None, noise=self.noise, topic=one.camera_pose, origin=origin
+                )
             elif one.pose:
-                found[one.drone] = RosPoses("pose", self.mount, noise=self.noise, topic=one.pose)
+                found[one.drone] = RosPoses(
+                    "pose", self.mount, noise=self.noise, topic=one.pose, origin=origin
+                )
             elif one.tf:
-                found[one.drone] = RosPoses("tf", None, noise=self.noise, topic=one.tf)
+                found[one.drone] = RosPoses("tf", None, noise=self.noise, topic=one.tf, origin=origin)
         return found
+
+    def _origin(self, one: DroneTopics, anchor: Georeference | None) -> OwnOrigin | None:
+        if one.origin is None:
+            return None
+        if anchor is None:
+            raise ValueError(
+                f"--topics: origin={one.origin} says where on Earth the poses of {one.drone} count from, and "
+                "nothing says where the map lies: give --origin"
+            )
+        topics = [other.origin.strip("/") for other in self.topics if other.origin]
+        return OwnOrigin(anchor, one.origin, shared=topics.count(one.origin.strip("/")) > 1)
 
     @contextmanager
     def connected(self, service: Service, feeds: Mapping[str, PoseFeed]) -> Iterator[None]:
@@ -115,7 +134,7 @@ class RosLink:
             intake.take(role, kind, sample.payload.to_bytes(), fixed=fixed)
 
         key = self.keys.subscribed(topic)
-        if not (fixed or role == "info"):
+        if not (fixed or role in ("info", "origin")):
             return session.declare_subscriber(key, heard)
         # Told once, perhaps before we came: publishers of ROS that are transient local keep it.
         history = HistoryConfig(detect_late_publishers=True)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.service.ros.own_origin import OwnOrigin
 from crowdfence.sources.axes import body_quaternions_ned, optical_quaternions_enu
 from crowdfence.sources.camera_mount import CameraMount
 from crowdfence.sources.mission.ros2_messages import time_ns
@@ -62,12 +63,13 @@ class RosPoses:
         noise: GivenNoise | None = None,
         max_gap_s: float = 1.0,
         topic: str = "",
+        origin: OwnOrigin | None = None,
     ) -> None:
         """`role` says whose the poses are: the camera's, or the body's, with the camera on it by the mount or
         by tf; or that tf says it all. `noise`: what each row is off by itself. `topic`: where they are
-        told."""
+        told. `origin`: where on Earth they count from; None: from where the mission does."""
         self._role, self._mount, self._noise, self._max_gap_s = role, mount, noise, max_gap_s
-        self._topic = topic
+        self._topic, self._origin = topic, origin
         self._confused: str | None = None
         """Why poses of two origins may be mixed."""
         self._unset = False
@@ -120,6 +122,21 @@ class RosPoses:
                 self._rows.popleft()
             self.changed.notify_all()
 
+    def placed(self, message: Any) -> None:
+        """A decoded GeoPointStamped or NavSatFix of the origin of the poses. ValueError for no place."""
+        assert self._origin is not None
+        with self.changed:
+            if self._origin.heard(message):  # which of the poses before count from it, nobody knows
+                self._rows.clear()
+                self._moving.clear()
+                self._parents.clear()
+                self._confused = (
+                    f"{self._origin.topic} told another origin of its poses than before: the new one is "
+                    "taken, and what it saw around then may lie elsewhere; acknowledge this where it was "
+                    "started anew"
+                )
+            self.changed.notify_all()
+
     def transformed(self, message: Any, *, fixed: bool) -> None:
         """A decoded TFMessage; `fixed`: of /tf_static."""
         with self.changed:
@@ -158,7 +175,7 @@ class RosPoses:
             if self._role == "tf":
                 newest_ns = self.newest_ns
                 frame = None if newest_ns is None else self._tree(newest_ns).in_world(self.camera_frame)[0]
-            if frame is None:
+            if frame is None or (self._origin is not None and not self._origin.shared):
                 return None
             whose = whose_frame(frame, self._topic)
             return f"{frame} of {whose}" if whose else frame
@@ -170,6 +187,8 @@ class RosPoses:
 
     @property
     def newest_ns(self) -> int | None:
+        if self._origin is not None and not self._origin.is_known:
+            return None
         if self._role == "tf":
             newest = [time_ns(self._moving[frame][-1].header.stamp) for frame in self._moving_chain()]
             return min(newest, default=None)
@@ -177,6 +196,8 @@ class RosPoses:
 
     @property
     def lacks(self) -> str:
+        if self._origin is not None and not self._origin.is_known:
+            return f"nothing on {self._origin.topic}, which says where its poses count from"
         if self._role != "tf":
             return "nothing on its pose topic"
         if not self.camera_frame:
@@ -197,7 +218,9 @@ class RosPoses:
         return chain
 
     def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
-        return steadied_as(self._track(stamp_ns), self._noise).at(stamp_ns, self._max_gap_s)
+        track = self._track(stamp_ns)
+        track = track if self._origin is None else self._origin.moved(track)
+        return steadied_as(track, self._noise).at(stamp_ns, self._max_gap_s)
 
     def _require_told(self, segments: Iterable[Segment], stamp_ns: int) -> None:
         """ValueError where one of them pauses for longer than it does usually: how it turned meanwhile,

@@ -16,6 +16,7 @@ ROLES: dict[str, tuple[str, ...]] = {
     "camera_pose": _POSES,
     "pose": _POSES,
     "tf": (ros2_messages.TF_MESSAGE,),
+    "origin": (ros2_messages.GEO_POINT_STAMPED, ros2_messages.NAV_SAT_FIX),
 }
 """And the message types that each may have. Positions on Earth come by telemetry (`--mavlink`)."""
 _OF_ONE_CAMERA = ("camera", "heatmap", "camera_pose")
@@ -55,6 +56,10 @@ def message_type(role: str, topic: str) -> str:
             return ros2_messages.CAMERA_INFO
         case "tf":
             return ros2_messages.TF_MESSAGE
+        case "origin":
+            name = topic.lower()
+            is_fix = "fix" in name or "navsat" in name
+            return ros2_messages.NAV_SAT_FIX if is_fix else ros2_messages.GEO_POINT_STAMPED
         case _:
             return ros2_messages.ODOMETRY if "odom" in topic.lower() else ros2_messages.POSE_STAMPED
 
@@ -75,4 +80,8 @@ def _of_drone(text: str) -> DroneTopics:
     drone = named.pop("drone", "") or pictures.strip("/").partition("/")[0]
     if not (drone and ("camera" in named or "heatmap" in named) and "info" in named):
         raise ValueError(f"--topics {text!r}: a drone needs camera= or heatmap=, and info=")
+    if "origin" in named and not {"camera_pose", "pose", "tf"} & named.keys():
+        raise ValueError(
+            f"--topics {text!r}: origin= says where its poses count from; name camera_pose=, pose= or tf= too"
+        )
     return DroneTopics(drone, **named)

@@ -1,7 +1,9 @@
-"""The ROS 2 message types of a mission file, and the few fields of them that we read without a decoder.
+"""The ROS 2 message types of a mission file and of live fleets, and the few fields of them that we read
+without a decoder.
 
-The definitions are the interfaces of common_interfaces and geometry2 as of ROS 2 Humble to Kilted, without
-comments. CDR does not describe itself; we decode with these texts, never with those found in a file.
+The definitions are the interfaces of common_interfaces, geometry2 and geographic_info as of ROS 2 Humble to
+Kilted, without comments. CDR does not describe itself; we decode with these texts, never with those found in
+a file.
 """
 
 import struct
@@ -63,6 +65,24 @@ uint32 point_step
 uint32 row_step
 uint8[] data
 bool is_dense"""
+_NAV_SAT_FIX = """\
+uint8 COVARIANCE_TYPE_UNKNOWN=0
+uint8 COVARIANCE_TYPE_APPROXIMATED=1
+uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2
+uint8 COVARIANCE_TYPE_KNOWN=3
+std_msgs/Header header
+NavSatStatus status
+float64 latitude
+float64 longitude
+float64 altitude
+float64[9] position_covariance
+uint8 position_covariance_type"""
+_NAV_SAT_STATUS = (
+    "sensor_msgs/NavSatStatus",
+    "int8 STATUS_NO_FIX=-1\nint8 STATUS_FIX=0\nint8 STATUS_SBAS_FIX=1\nint8 STATUS_GBAS_FIX=2\n"
+    "uint16 SERVICE_GPS=1\nuint16 SERVICE_GLONASS=2\nuint16 SERVICE_COMPASS=4\nuint16 SERVICE_GALILEO=8\n"
+    "int8 status\nuint16 service",
+)
 _DURATION = ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec")
 _COMPRESSED_IMAGE = "std_msgs/Header header\nstring format\nuint8[] data"
 _OCCUPANCY_GRID = "std_msgs/Header header\nMapMetaData info\nint8[] data"
@@ -131,6 +151,8 @@ POINT_CLOUD2 = "sensor_msgs/msg/PointCloud2"
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
 OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
+GEO_POINT_STAMPED = "geographic_msgs/msg/GeoPointStamped"
 
 DEFINITIONS = {
     IMAGE: _definition(_IMAGE, _HEADER, _TIME),
@@ -175,6 +197,13 @@ DEFINITIONS = {
         "std_msgs/Header header\nbuiltin_interfaces/Time time_ref\nstring source", _HEADER, _TIME
     ),
     OCCUPANCY_GRID: _definition(_OCCUPANCY_GRID, _MAP_META_DATA, _POSE, _POINT, _QUATERNION, _HEADER, _TIME),
+    NAV_SAT_FIX: _definition(_NAV_SAT_FIX, _NAV_SAT_STATUS, _HEADER, _TIME),
+    GEO_POINT_STAMPED: _definition(
+        "std_msgs/Header header\nGeoPoint position",
+        ("geographic_msgs/GeoPoint", "float64 latitude\nfloat64 longitude\nfloat64 altitude"),
+        _HEADER,
+        _TIME,
+    ),
     MARKER_ARRAY: _definition(
         "Marker[] markers",
         _MARKER,

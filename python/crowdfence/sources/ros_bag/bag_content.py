@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
 from crowdfence._core import Camera
-from crowdfence.georeference import on_earth
 from crowdfence.sources.mission.camera_info import camera_from_info, rectified_camera
 from crowdfence.sources.mission.ros2_messages import time_ns
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.ros_bag.bag_file import Bag, BagMessage, decode, header_of
+from crowdfence.sources.ros_bag.told_place import told_place
 from crowdfence.sources.ros_bag.topic_choice import (
     FIX,
     ODOMETRY,
+    ORIGIN,
     POSE_WITH_COVARIANCE,
     TRANSFORM,
     DroneTopics,
@@ -29,7 +29,6 @@ from crowdfence.sources.rotation import UNSET_OF_ROS, are_unset
 Intrinsics = Camera | str
 """A camera, or why there is none."""
 
-_NO_FIX = -1
 _NO_ATTITUDE = -1.0
 """Instead of a variance (REP 145); the attitude beside it is what a message begins with, in ROS 2 level."""
 
@@ -139,18 +138,9 @@ class BagContent:
         stamp_ns = time_ns(found.header.stamp)
         self._take_arrival(message, stamp_ns)
         self._take_frame(message.topic, found.header.frame_id.lstrip("/"))
-        if kind == FIX:
-            if found.status.status > _NO_FIX:
-                place = (float(found.latitude), float(found.longitude), float(found.altitude))
-                # As in photographs and logs, 0, 0 is what a receiver tells that knows none.
-                if not (all(map(math.isfinite, place)) and on_earth(*place[:2]) and any(place[:2])):
-                    raise ValueError(f"no position: {place}")
+        if kind in (FIX, ORIGIN):
+            if (place := told_place(found)) is not None:
                 self.fixes.setdefault(message.topic, []).append((stamp_ns, *place))
-        elif kind.endswith("GeoPointStamped"):
-            at = found.position
-            self.fixes.setdefault(message.topic, []).append(
-                (stamp_ns, float(at.latitude), float(at.longitude), float(at.altitude))
-            )
         else:
             self._take_pose(message.topic, kind, stamp_ns, found)
 
