@@ -591,6 +591,21 @@ def test_a_turn_that_nobody_told_is_not_made_up(role: Any, step_s: float) -> Non
         assert np.allclose(feed.pose_at(START_NS + round(time_s * SECOND_NS)), turning(time_s))
 
 
+@pytest.mark.parametrize("role", ["camera_pose", "tf"])
+def test_poses_that_two_nodes_tell_by_turns_are_given_to_no_view(role: Any) -> None:
+    """Joints of a gimbal that nobody set beside its driver: views were put between the two, and no word."""
+    feed = RosPoses(role, None)
+    feed.camera_frame = FRAME
+    for number in range(100):
+        stamp_ns, pose = START_NS + number * 20_000_000, turning(2.0 if number % 2 else 0.0)
+        if role == "tf":
+            feed.transformed(decoded(tf_message(stamp_ns, "map", FRAME, pose)), fixed=False)
+        else:
+            feed.posed(decoded(pose_message(stamp_ns, pose)))
+    with pytest.raises(ValueError, match="jumps 90 degrees away and back, again and again: stop all but one"):
+        feed.pose_at(START_NS + SECOND_NS)
+
+
 def test_poses_are_kept_for_as_long_as_views_may_be_late() -> None:
     feed = RosPoses("camera_pose", None)
     message = decoded(pose_message(START_NS, straight_down(1.0)))

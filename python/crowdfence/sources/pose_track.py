@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from crowdfence.sources.pose_leaps import leaps
 from crowdfence.sources.rotation import normalise, rotation_matrix, slerp
 from crowdfence.sources.stamps import stamp_faults
+from crowdfence.sources.told_by_two import told_by_two
 
 QUATERNION_LENGTH_TOLERANCE = 1e-2
 """How far from one a recorded quaternion's length may be: logs round to a few digits, but not to this."""
@@ -152,7 +153,14 @@ def track_from_rows(
         stamps = stamps[~twice]
     elsewhere, said = leaps(stamps, positions[kept])
     used = np.array(kept, np.int64)[~elsewhere]
-    return PoseTrack(stamps[~elsewhere], positions[used], quaternions[used]), [*remarks, *said]
+    track = PoseTrack(stamps[~elsewhere], positions[used], quaternions[used])
+    apart = None if said else told_by_two(track.stamps_ns, track.positions, track.quaternions)
+    if apart is not None:
+        said.append(
+            f"pose rows are {apart} away and back, again and again: two tell them by turns, and what is seen "
+            "is put on either or in between; let one node tell them"
+        )
+    return track, [*remarks, *said]
 
 
 def _told_again(

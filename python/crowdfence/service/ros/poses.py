@@ -36,6 +36,7 @@ from crowdfence.sources.ros_bag.transforms import (
     told_alike,
 )
 from crowdfence.sources.rotation import UNSET_OF_ROS, are_unset
+from crowdfence.sources.told_by_two import told_by_two
 
 _LOG = logging.getLogger(__name__)
 PoseRole = Literal["camera_pose", "pose", "tf"]
@@ -223,11 +224,18 @@ class RosPoses:
         return steadied_as(track, self._noise).at(stamp_ns, self._max_gap_s)
 
     def _require_told(self, segments: Iterable[Segment], stamp_ns: int) -> None:
-        """ValueError where one of them pauses for longer than it does usually: how it turned meanwhile,
-        nobody knows."""
+        """ValueError where one of them pauses for longer than it does usually, because nobody knows how it
+        turned meanwhile, and where two nodes tell one by turns."""
         for segment in segments:
-            if isinstance(segment, PoseTrack):
-                segment.at(stamp_ns, bridged_s(segment, self._max_gap_s))
+            if not isinstance(segment, PoseTrack):
+                continue
+            segment.at(stamp_ns, bridged_s(segment, self._max_gap_s))
+            apart = told_by_two(segment.stamps_ns, segment.positions, segment.quaternions)
+            if apart is not None:
+                raise ValueError(
+                    f"what tells it jumps {apart} away and back, again and again: stop all but one of the "
+                    "nodes that do so"
+                )
 
     def _track(self, stamp_ns: int) -> PoseTrack:
         if self._role == "tf":
