@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
 
 from crowdfence import Camera, open_recording
@@ -128,6 +130,29 @@ def test_a_fleet_with_camera_poses_gives_the_same_zones(tmp_path: Path, kind: st
         assert not zones.is_empty and agreement(zones, closed(reference(drones))) > 1 - 1e-9
     guess = "uav1: camera=/uav1/cam/image_raw/compressed,info=/uav1/cam/camera_info,heatmap=/uav1/heatmap,"
     assert any(guess + "camera_pose=/uav1/cam/pose" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+@pytest.mark.parametrize("mode", [CompressionMode.MESSAGE, CompressionMode.FILE])
+def test_bags_that_their_recorder_packed(
+    tmp_path: Path, mode: CompressionMode, storage: StoragePlugin
+) -> None:
+    """In MCAP a message that was packed by itself was refused as no CDR, and with it the whole flight."""
+    plain = write_bag(tmp_path / "plain", "sqlite3", [*picture_messages(DRONE, OPTICAL), *moving_tree()])
+    packed = Writer(tmp_path / "packed", version=9, storage_plugin=storage)
+    packed.set_compression(mode, CompressionFormat.ZSTD)
+    with AnyReader([plain]) as reader, packed as writer:
+        connections = {
+            one.id: writer.add_connection(one.topic, one.msgtype, typestore=reader.typestore)
+            for one in reader.connections
+        }
+        for connection, log_ns, data in reader.messages():
+            writer.write(connections[connection.id], log_ns, data)
+    found, same = open_recording(tmp_path / "packed"), open_recording(plain)
+    assert len(found.frames) == len(same.frames) == len(frames()) and not found.refused
+    for one, other in zip(found.frames, same.frames, strict=True):
+        assert one.stamp_ns == other.stamp_ns and one.encoded_image() == other.encoded_image()
+        assert np.array_equal(one.world_from_camera, other.world_from_camera)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
