@@ -88,6 +88,8 @@ def test_written_and_read_again_it_is_the_same(given: dict[str, Any]) -> None:
         ({"input__std": [1, 1, 0]}, r"input.std is \[1, 1, 0\]; allowed: 3 numbers above 0"),
         ({"input__mean": [0, 0]}, r"input.mean is \[0, 0\]; allowed: a list of 3 numbers"),
         ({"input__mean": [0, 0, float("nan")]}, r"allowed: a list of 3 finite numbers"),
+        ({"input__mean": [0, 0, 10**400]}, r"allowed: a list of 3 finite numbers"),
+        ({"target_height_m": 10**400}, r"target_height_m is 10+\.*; allowed: a finite number of at least 0"),
         ({"input__size": [60, 64]}, r"input.size is \[60, 64\].* multiples of 8"),
         ({"input__size": [0, 8]}, r"input.size is \[0, 8\]"),
         ({"input__size": [10**9, 8]}, r"from 1 to 16384"),

@@ -8,6 +8,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
+from crowdfence.errors import quoted
 from crowdfence.simulation.scenarios.plan_checks import ScenarioError
 from crowdfence.simulation.scenarios.scenario import Scenario
 
@@ -124,6 +125,8 @@ def _value(kind: Any, value: Any, where: str) -> Any:
         return _record(kind, value, where)
     if get_origin(kind) is tuple:
         return _tuple(get_args(kind), value, where)
+    if isinstance(value, int) and abs(value) > sys.float_info.max:  # those of TOML have no end
+        raise ScenarioError(f"{where} must be a finite number, got {quoted(value)}")
     if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value)
     if isinstance(value, bool) != (kind is bool) or not isinstance(value, kind):
