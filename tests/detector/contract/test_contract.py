@@ -172,6 +172,8 @@ def test_mean_and_std_of_other_pixels_are_refused(
         ("points", {"output__layout": "NCHW"}, r"output.layout is 'NCHW'; allowed: NDC, NCD"),
         ("points", {"output__rule": {"min_people": 0}}, r"output.rule.min_people is 0"),
         ("density", {"output__count_scale": None}, r"output.count_scale is missing"),
+        ("points", {"output__rule": {"radius_m": 1e300}}, r"radius_m is 1e\+300; allowed: metres up to 100"),
+        ("points", {"output__rule": {"closing_m": 150}}, r"closing_m is 150; allowed: metres up to 100"),
         (
             "points",
             {"output__rule": {"min_people": 32, "radius_m": 1.0}},

@@ -11,7 +11,7 @@ from crowdfence.errors import DetectorError
 
 MOST_PER_M2 = 10.0
 """No crowd is denser; a rule that asks for more is met nowhere."""
-_WIDEST_WINDOW_M = 100.0
+_WIDEST_M = 100.0
 _PERSON_HEIGHT_M = 0.3, 3.0
 
 
@@ -45,6 +45,9 @@ class PeopleRule:
             person_height_m=section.number("person_height_m", 0.0, None, above=True),
         )
         section.done()
+        for name in ("radius_m", "closing_m"):
+            if getattr(rule, name) > _WIDEST_M:
+                raise section.refuse(name, f"metres up to {_WIDEST_M:g}")
         fitting = MOST_PER_M2 * math.pi * rule.radius_m**2
         if rule.min_people > max(fitting, 1.0):
             raise DetectorError(
@@ -85,8 +88,8 @@ class DensityRule:
         section.done()
         if rule.people_per_m2 > MOST_PER_M2:
             raise section.refuse("people_per_m2", f"above 0 and at most {MOST_PER_M2:g}: no crowd is denser")
-        if rule.window_m > _WIDEST_WINDOW_M:
-            raise section.refuse("window_m", f"metres from 0 to {_WIDEST_WINDOW_M:g}")
+        if rule.window_m > _WIDEST_M:
+            raise section.refuse("window_m", f"metres from 0 to {_WIDEST_M:g}")
         return rule
 
     def to_json(self) -> dict[str, Any]:
