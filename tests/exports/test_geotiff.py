@@ -10,10 +10,12 @@ import shapely
 
 from crowdfence.exports.geotiff import write_geotiff
 from crowdfence.exports.map_description import MapDescription
+from crowdfence.exports.state_raster import read_states
 from crowdfence.georeference import Georeference
 from crowdfence.surface_grid import SurfaceGrid
 from crowdfence.voxel_state import VoxelState
 from crowdfence.zones import Zone, ZoneSet
+from support.damaged_files import damaged, outcome
 from support.small_grids import flat_grid
 from support.wgs84_by_hand import ground_point
 
@@ -41,6 +43,21 @@ def test_bands_are_north_up_and_unseen_is_nodata(tmp_path: Path) -> None:
     assert tags["STAMP_NS"] == "1760000009500000001"
     assert tags["STAMP_UTC"] == "2025-10-09T08:53:29.500000001Z"
     assert "not georeferenced" in tags["FRAME"]
+
+
+def test_states_of_a_damaged_file_are_read_or_refused_by_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "crowd_map.tif"
+    rng = np.random.default_rng(4)
+    write_geotiff(path, flat_grid(rng.random((60, 50))), DESCRIPTION, None)
+    intact = path.read_bytes()
+    assert outcome(lambda: read_states(path)) == ""
+    refused = 0
+    for data in damaged(intact, 120):
+        path.write_bytes(data)
+        said = outcome(lambda: read_states(path))
+        assert not said or (said.startswith(f"{path}: ") and "previous exception" not in said)
+        refused += bool(said)
+    assert refused > 30
 
 
 def test_all_that_a_zone_set_closes_is_marked(tmp_path: Path) -> None:

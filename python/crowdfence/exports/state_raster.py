@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdfence.errors import one_line
 from crowdfence.exports.geotiff import LOCAL_TAG
 from crowdfence.exports.raster_placement import RasterPlacement
+from crowdfence.maps.map_error import MapError
 from crowdfence.surface_grid import SurfaceGrid
 
 if TYPE_CHECKING:
@@ -35,14 +37,19 @@ class StateRaster:
         return StateRaster(grid.state.T[::-1], RasterPlacement.of(grid, None).transform)
 
 
-def read_states(crowd_map: str | PathLike[str]) -> StateRaster | None:
-    """None for a file that does not say where its cells lie in the local frame, as older ones do not. OSError
-    and rasterio's errors for what cannot be read."""
+def read_states(crowd_map: str | Path) -> StateRaster | None:
+    """None for a file that does not say where its cells lie in the local frame, as older ones do not.
+    MapError for one that cannot be read."""
     import rasterio
     from affine import Affine
+    from rasterio.errors import RasterioError
 
-    with rasterio.open(crowd_map) as raster:
-        told = raster.tags().get(LOCAL_TAG)
-        if told is None or raster.count < _STATE_BAND:
-            return None
-        return StateRaster(raster.read(_STATE_BAND).astype(np.uint8), Affine(*json.loads(told)))
+    try:
+        with rasterio.open(crowd_map) as raster:
+            told = raster.tags().get(LOCAL_TAG)
+            if told is None or raster.count < _STATE_BAND:
+                return None
+            return StateRaster(raster.read(_STATE_BAND).astype(np.uint8), Affine(*json.loads(told)))
+    except (RasterioError, TypeError, ValueError) as error:
+        why = one_line(error.__cause__ or error)
+        raise MapError(crowd_map, f"truncated or damaged ({why}); run again to have it anew") from error
