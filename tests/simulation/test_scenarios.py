@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crowdfence.simulation.scenarios import scenario_file
 from crowdfence.simulation.scenarios.scenario import CrowdPlan, Scenario, ScenarioError, TroublePlan
 from crowdfence.simulation.scenarios.scenario_file import BUILT_IN, load_scenario
 from crowdfence.simulation.scene import build_scene
+from support.damaged_files import damaged, outcome
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -167,6 +169,18 @@ def test_every_possible_length_makes_a_scenario(frames: int, fps: float, drones:
     scenario = Scenario("x", "", ground, drones=drones, frames=frames, fps=fps, epoch_ns=10**12)
     assert len(set(scenario.drone_names)) == drones
     assert scenario.duration_s == pytest.approx((frames - 1) / fps)
+
+
+def test_a_damaged_scenario_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    intact = (Path(scenario_file.__file__).parent / "festival.toml").read_bytes()
+    refused = 0
+    for data in damaged(intact, 400):
+        path.write_bytes(data)
+        said = outcome(lambda: load_scenario(path))
+        assert not said or said.startswith(str(path))
+        refused += bool(said)
+    assert refused > 100
 
 
 @pytest.mark.parametrize(("kind", "number"), [("joins_s", 3), ("leaves_s", 7)])

@@ -14,6 +14,7 @@ from scipy import ndimage
 from crowdfence import Georeference, StampError
 from crowdfence.zones import Zone
 from crowdfence.zones.history import ZoneHistory, ZoneHistoryError
+from support.damaged_files import damaged, outcome
 from support.small_zones import SECOND_NS, DrawnZones
 
 
@@ -225,6 +226,22 @@ def test_an_outline_that_no_run_has_written_is_refused(tmp_path: Path, corner: f
     path.write_text("".join([header, json.dumps(instant) + "\n", *others]))
     with pytest.raises(ZoneHistoryError, match=r"is damaged in line 2: zone Z\d+ (reaches to|is no area)"):
         ZoneHistory.read(path)
+
+
+def test_a_damaged_history_is_refused_or_says_what_it_closes(tmp_path: Path) -> None:
+    path = tmp_path / "history.jsonl"
+    flown().write(path)
+    refused = 0
+    for data in damaged(path.read_bytes(), 300):
+        (tmp_path / "damaged.jsonl").write_bytes(data)
+        said = outcome(lambda: _require_areas(ZoneHistory.read(tmp_path / "damaged.jsonl")))
+        assert not said or said.startswith(f"{tmp_path / 'damaged.jsonl'} ")
+        refused += bool(said)
+    assert refused > 100
+
+
+def _require_areas(history: ZoneHistory) -> None:
+    assert all(zone.polygon.is_valid for zones in history.sets for zone in zones.closed)
 
 
 def test_sets_that_are_not_in_order_are_no_history() -> None:

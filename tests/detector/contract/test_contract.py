@@ -1,13 +1,15 @@
 """The contract of a model: what is read, what is refused, and how the refusal reads."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from crowdfence import Contract, DetectorError
-from crowdfence.detector.contract.contract import MAX_JSON_BYTES, contract_from_text
+from crowdfence.detector.contract.contract import MAX_JSON_BYTES, contract_from_text, read_contract
 from crowdfence.detector.contract.lookup import load_contract
+from support.damaged_files import damaged, outcome
 from support.onnx_models import contract as document
 
 SHIPPED = {
@@ -198,6 +200,19 @@ def test_each_kind_needs_its_keys(kind: str, changes: dict[str, Any], message: s
 def test_text_that_is_no_contract_names_its_source(text: str) -> None:
     with pytest.raises(DetectorError, match=r"^here"):
         contract_from_text(text, "here")
+
+
+def test_a_damaged_contract_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "model.crowdfence.json"
+    rule = {"min_people": 3, "radius_m": 2.0, "softness_people": 0.25, "closing_m": 1.0}
+    intact = json.dumps(document("points", output__rule=rule)).encode()
+    refused = 0
+    for data in damaged(intact, 600):
+        path.write_bytes(data)
+        said = outcome(lambda: read_contract(path))
+        assert not said or said.startswith(str(path))
+        refused += bool(said)
+    assert refused > 200
 
 
 def test_a_huge_text_is_not_parsed() -> None:
