@@ -145,3 +145,27 @@ def test_crowd_beside_a_zone_that_no_look_brings_above_the_threshold_is_told(tmp
         "3.0 s after the first instant every look of a shows crowd on 25 m2 of the map, around 38 m east and "
         "24 m north, and none of it reaches P >= "
     ), warning
+
+
+@pytest.mark.parametrize(("walks_cells", "is_told"), [(1, True), (6, False)])
+def test_a_group_that_walks_away_from_every_zone_is_told(
+    tmp_path: Path, walks_cells: int, is_told: bool
+) -> None:
+    """90 m up a cell of the heatmap is 2.25 m of ground, and one every .75 s are 3 m/s: what was seen empty
+    before outweighs the three looks that a place of the group gets. Alarms that leap by 13 m are no group."""
+    plain = cf.Terrain.from_height_map(np.zeros((200, 200)), cell_size_m=1.0)
+    (tmp_path / "heatmaps").mkdir()
+    rows = ["drone,stamp_ns,x,y,z,qw,qx,qy,qz"]
+    for number in range(20):
+        stamp_ns = 10**18 + number * 750_000_000
+        pixels = np.zeros((48, 64), np.uint8)
+        east = 5 + number * walks_cells % 50
+        pixels[22:26, east : east + 3] = 153
+        rows.append(f"a,{stamp_ns},100,100,90,0,1,0,0")
+        Image.fromarray(pixels).save(tmp_path / "heatmaps" / f"a_{stamp_ns}.png")
+    (tmp_path / "poses.csv").write_text("\n".join(rows) + "\n")
+    intrinsics = {"width": 640, "height": 480, "fx": 400, "fy": 400, "cx": 320, "cy": 240}
+    (tmp_path / "recording.json").write_text(json.dumps({"cameras": {"*": intrinsics}}))
+    found = cf.run(cf.open_recording(tmp_path), plain)
+    assert not found.zones, "it left the zone of the first looks"
+    assert any("every look of a shows crowd on" in one for one in found.warnings) == is_told

@@ -1,5 +1,6 @@
 """Crowd on the map that every look at its ground shows, and that becomes none there. A false alarm that does
-not last is none of it; every crowd is, where a threshold or setting is out of reach."""
+not last is none of it; every crowd is, where a threshold or setting is out of reach, and one that walks on
+before its looks outweigh those that saw the ground empty."""
 
 from __future__ import annotations
 
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 from crowdfence._core import CrowdMass, Observation, Terrain
 from crowdfence.pipeline.lost_crowd import unheeded_crowd_warning
 from crowdfence.zones import Zone
+from crowdfence.zones.regions import TOGETHER_WITHIN_M
+from crowdfence.zones.rules import CONTINUES_WITHIN_M
 from crowdfence.zones.sorted_keys import are_among
 from crowdfence.zones.square_metres import square_metres
 from crowdfence.zones.tracker import column_keys, column_places
@@ -31,6 +34,8 @@ NearClosed = Callable[[NDArray[np.int64], float], NDArray[np.bool_]]
 """Which of columns (i, j) [C, 2] have their middle within so many metres of closed ground."""
 _RIM_M = 2.0
 """Around closed ground, or two voxels: the rim of a crowd is shown fainter than its middle."""
+_WALKS_MPS = 3.0
+"""Who runs; as far as a zone may move and keep its name, at most."""
 _ROW = np.dtype(
     [("voxel", "<i8"), ("first_ns", "<i8"), ("last_ns", "<i8"), ("looks", "<i4"), ("drone", "<i4")]
 )
@@ -44,8 +49,8 @@ class Unheeded(NamedTuple):
 
 
 class UnheededCrowd:
-    """Follows the voxels that were shown as crowd and are none, until a look shows none there. Safe to read
-    while others add."""
+    """Follows the voxels that were shown as crowd and are none, until a look shows none there nor as far from
+    there as a crowd walks. Safe to read while others add."""
 
     def __init__(self, terrain: Terrain, shows_crowd: float) -> None:
         """`shows_crowd`: a larger value says to the method that a drone saw crowd."""
@@ -71,7 +76,8 @@ class UnheededCrowd:
         voxel_ids, is_shown = one.voxel_ids, one.mean > self._shows_crowd
         if not len(self._rows) and not is_shown.any():
             return
-        rows, shown = self._rows, voxel_ids[is_shown]
+        before = rows = self._rows
+        shown = voxel_ids[is_shown]
         if len(rows) and len(voxel_ids):
             at = np.searchsorted(voxel_ids, rows["voxel"]).clip(max=len(voxel_ids) - 1)
             # From below its top the side of a place is seen, which clears nothing.
@@ -85,7 +91,25 @@ class UnheededCrowd:
         new = np.empty(len(new_ids), _ROW)
         new["voxel"], new["first_ns"], new["last_ns"] = new_ids, one.stamp_ns, one.stamp_ns
         new["looks"], new["drone"] = 1, number
+        self._walk(before, new)
         self._rows = np.concatenate([rows, new])
+
+    def _walk(self, before: NDArray[Any], new: NDArray[Any]) -> None:
+        """Counts the looks at what was shown `before` for the `new` places that it may have walked to."""
+        from scipy.spatial import cKDTree
+
+        if not len(before) or not len(new):
+            return
+        size_m = self._terrain.voxel_size_m
+        places, there = (self._terrain.voxel_indices(rows["voxel"])[:, :2] * size_m for rows in (new, before))
+        apart_m, nearest = cKDTree(there).query(places, distance_upper_bound=CONTINUES_WITHIN_M)
+        near = np.flatnonzero(np.isfinite(apart_m))
+        of = before[nearest[near]]
+        walked_m = _WALKS_MPS * (new["last_ns"][near] - of["last_ns"]) / 1e9
+        came = apart_m[near] <= np.maximum(walked_m, TOGETHER_WITHIN_M)
+        to, of = near[came], of[came]
+        new["first_ns"][to] = np.minimum(new["first_ns"][to], of["first_ns"])
+        new["looks"][to] += of["looks"]
 
     @property
     def has_begun(self) -> bool:
@@ -133,7 +157,8 @@ class UnheededCrowd:
         text = (
             f"every look of {', '.join(names)} shows crowd on {square_metres(area_m2)} of the map, around "
             f"{east_m:.0f} m east and {north_m:.0f} m north, and none of it reaches P >= {threshold:.3g}: "
-            "nothing is closed for it. False alarms, or a threshold or setting out of reach?"
+            "nothing is closed for it. False alarms, a crowd that walks on before enough looks agree, or a "
+            "threshold or setting out of reach?"
         )
         return Unheeded(area_m2, text)
 
