@@ -444,6 +444,28 @@ def test_an_alarm_that_was_acknowledged_hides_no_other_trouble_of_the_poses(tmp_
         assert [one.kind for one in service.alerts.all()].count("pose_gap") == 2
 
 
+def test_an_alarm_that_nobody_acknowledged_tells_the_trouble_of_now(tmp_path: Path) -> None:
+    """Raised before its drone was switched on, it went on to say that nothing comes while something wrong
+    did."""
+    now, port = Now(rows()[0].stamp_ns), port_of()
+    with listening(tmp_path, now, port, SEA) as (service, _):
+        feed, watch = service.live.poses.feeds["uav1"], Watch(service)  # type: ignore[union-attr]
+        assert isinstance(feed, Telemetry)
+        now.ns += 3 * SECOND_NS
+        watch.look()
+        silent = service.alerts.active("pose_gap", "uav1")
+        assert silent is not None and "no pose of uav1 for more than 2 s, none, " in silent.text
+        row = next(row for row in rows() if row.stamp_ns > now.ns - SECOND_NS)
+        feed.confused = "two senders speak as system 1"
+        for message in (position(row), gimbal(row), system_time(row)):
+            message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1))
+            feed.heard(message, now.ns)
+        watch.look()
+        told = service.alerts.active("pose_gap", "uav1")
+        assert told is not None and (told.id, told.text) == (silent.id, feed.confused)
+        assert [one.kind for one in service.alerts.all()].count("pose_gap") == 1
+
+
 def test_another_autopilot_at_the_port_of_a_drone_without_a_system_id_is_an_alarm(tmp_path: Path) -> None:
     """As behind a router that forwards a whole fleet: whoever spoke first told the poses of uav1, though it
     was uav2, and nobody said so."""
@@ -647,8 +669,13 @@ def test_views_without_telemetry_wait_and_are_refused_with_the_reason(tmp_path: 
         watch = Watch(service)
         watch.look()
         assert active(service) == {"uav1"}
-        gap = service.alerts.active("pose_gap", "uav1")
-        assert gap is not None and "a gap of 3.0" in gap.text and "see that its autopilot" in gap.text
+
+        def text() -> str:
+            """The service looks too, and may have met the silence before the telemetry came."""
+            gap = service.alerts.active("pose_gap", "uav1")
+            return "" if gap is None else gap.text
+
+        until(lambda: "a gap of 3.0" in text() and "see that its autopilot" in text())
         # Nothing of it is in the map, and no place in the queue is taken for good.
         assert service.live is not None and service.live.applying.waiting == 0
         assert sum(service.live.heard.refused.values()) == 3 and not service.live.heard.accepted

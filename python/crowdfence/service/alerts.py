@@ -169,20 +169,21 @@ class Alerts:
         zone: str | None = None,
         is_new: bool = False,
         measure: float | None = None,
+        is_other: bool = False,
     ) -> Alert:
         """Raise it, or return the one that is active. `is_new`: it happened again, rather than still holds;
         an active one that somebody acknowledged is over then, and a new one is raised. So it is where
         `measure`, how bad it is, has doubled since it was told; whoever has not acknowledged it is told by
-        the same one."""
+        the same one. `is_other`: new, and for another cause, which the same one tells too."""
         over = None
         with self._lock:  # held until it is there: two threads that meet the same must not both raise it
             known = self._active(kind, drone, zone)
             if known is not None:
                 self._happened_ns[known.id] = now_ns
-                is_worse = known.is_less_than(measure)
-                if not is_worse and (not is_new or known.acknowledged_by is None):
+                is_worse, is_acknowledged = known.is_less_than(measure), known.acknowledged_by is not None
+                if not (is_worse or is_other or (is_new and is_acknowledged)):
                     return known
-                if known.acknowledged_by is not None or known.measure is None:
+                if is_acknowledged or (known.measure is None and not is_other):
                     over = self._keep(replace(known, cleared_ns=now_ns))
             if known is not None and over is None:
                 alert = self._keep(replace(known, text=text, measure=measure))

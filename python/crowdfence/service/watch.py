@@ -222,10 +222,11 @@ class Watch:
                 self._pose_causes.pop(drone, None)
                 self._set(False, "pose_gap", "alarm", "", drone=drone)
                 continue
-            # Who acknowledged that two senders may be one drone has not acknowledged that both fell silent.
-            is_new = self._pose_causes.get(drone, trouble.cause) != trouble.cause
+            # Who acknowledged that two senders may be one drone has not acknowledged that both fell silent,
+            # and who reads that it is silent looks in the wrong place once it speaks.
+            is_other = self._pose_causes.get(drone, trouble.cause) != trouble.cause
             self._pose_causes[drone] = trouble.cause
-            self._set(True, "pose_gap", "alarm", trouble.text, drone=drone, is_new=is_new)
+            self._set(True, "pose_gap", "alarm", trouble.text, drone=drone, is_other=is_other)
         self._pose_frames(live.poses.frames(), len(live.poses.feeds))
 
     def _pose_frames(self, frames: dict[str, str], feeds: int) -> None:
@@ -464,10 +465,13 @@ class Watch:
         drone: str | None = None,
         is_new: bool = False,
         measure: float | None = None,
+        is_other: bool = False,
     ) -> None:
         alerts, now_ns = self._service.alerts, self._service.now_ns()
         if wrong:
-            alerts.raise_(kind, level, text, now_ns, drone=drone, is_new=is_new, measure=measure)
+            alerts.raise_(
+                kind, level, text, now_ns, drone=drone, is_new=is_new, measure=measure, is_other=is_other
+            )
         else:
             alerts.clear(kind, now_ns, drone=drone)
 
