@@ -184,6 +184,7 @@ def test_a_file_that_does_not_say_how_many_instants_it_has_is_read(tmp_path: Pat
         ("header alone", "is no zone history: it holds no instant"),
         ("no zones", "is damaged in line 3: it lacks 'zones'"),
         ("no rings", "is damaged in line 2: "),
+        ("no polygon", "is damaged in line 2: it does not hold what an instant has"),
         ("twice", "is damaged in line 3: its instant is not after the one before"),
         ("more", "is damaged in line 7: 6 instants where its first line says 5"),
     ],
@@ -195,6 +196,8 @@ def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str, messa
     header, first, *_ = text.splitlines(keepends=True)
     no_rings = json.loads(first)
     no_rings["zones"][0]["polygon"] = [[]]
+    no_polygon = json.loads(first)
+    no_polygon["zones"][0]["polygon"] = None
     path.write_bytes(
         {
             "empty": "",
@@ -205,6 +208,7 @@ def test_a_file_that_is_no_history_is_refused(tmp_path: Path, damage: str, messa
             "header alone": header.replace(', "instants": 6}', "}"),
             "no zones": header + first + '{"stamp_ns": 10000000000}\n',
             "no rings": header + json.dumps(no_rings) + "\n",
+            "no polygon": header + json.dumps(no_polygon) + "\n",
             "twice": header + first + first,
             "more": text.replace('"instants": 6', '"instants": 5', 1),
         }[damage].encode()

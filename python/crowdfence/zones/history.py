@@ -289,7 +289,7 @@ def zone_of_record(record: Mapping[str, Any], before: Mapping[str, Zone] | None 
     for name in _OUTLINES:
         if name not in values:
             values[name] = getattr((before or {})[values["id"]], name)
-        elif values[name] is not None:
+        elif name == "polygon" or values[name] is not None:
             values[name] = _outline_of(values[name], f"zone {values['id']}")
     for name in ("probability_max", "probability_mean"):
         values[name] = math.nan if values[name] is None else values[name]
