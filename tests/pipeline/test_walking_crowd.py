@@ -61,3 +61,24 @@ def test_a_group_that_walks_stands_in_its_zone(
             ground = shapely.union_all([zone.polygon for zone in step.zones])
             closed.append(shapely.intersects(ground, shapely.points(places[stands])).mean())
     assert np.mean(closed) == pytest.approx(share, abs=0.025)
+
+
+@pytest.mark.parametrize("value", [0.6, 0.8])
+def test_ground_on_which_the_last_look_shows_a_crowd_is_not_called_empty(value: float) -> None:
+    """A drone 110 m above saw it empty for 10 s before: on the whole the looks speak against crowd."""
+    terrain = Terrain.from_height_map(np.zeros((SIDE, SIDE)), cell_size_m=1.0)
+    camera = Camera.pinhole(640, 480, 480.0, 480.0, 320.0, 240.0)
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = (60.0, 60.0, 110.0)
+    crowd_map = CrowdMap(terrain, EvidenceConfig().fusion_method(terrain, drones=1))
+    for half_second in range(21):
+        shown = np.zeros((60, 80), np.float32)
+        if half_second == 20:
+            shown[28:32, 38:42] = value
+        stamp_ns = START_NS + half_second * SECOND_NS // 2
+        crowd_map.integrate([View("a", stamp_ns, camera, pose, shown)], stamp_ns)
+    places = terrain.voxel_centers(np.arange(terrain.voxel_count))[:, :2]
+    state = crowd_map.state(stamp_ns)
+    assert not (state[np.abs(places - 60.0).max(axis=1) < 3.0] == VoxelState.EMPTY).any()
+    # Beside the crowd, where nobody was ever shown, nothing changes.
+    assert (state[np.abs(places - (75.0, 75.0)).max(axis=1) < 3.0] == VoxelState.EMPTY).all()

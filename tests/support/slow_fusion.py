@@ -185,7 +185,7 @@ class SlowFusion:
         """[V] Time makes what was empty stale, and nothing empty."""
         now, then = self.probability(stamp_ns), self.probability(self.last_ns)
         cleared = self.told["cleared"] if self.name == "evidence" else 1.0
-        shown = self.shown(threshold, self.last_ns)
+        shown = self.shown(self.told.get("prior", threshold), self.last_ns)
         fresh = (stamp_ns - self.last_ns) / 1e9 <= stale_after_s
         looked_at = np.where(fresh & (now <= cleared) & ~shown, VoxelState.EMPTY, VoxelState.NOT_CLEARED)
         was_empty = (then < threshold) & (then <= cleared) & ~shown

@@ -94,7 +94,7 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         let method = &self.beliefs.method;
         let none = method.fading(Elapsed { seconds: 0.0, instants: 0 });
         let then = method.probability(self.beliefs.pages.get(id as usize), none);
-        then < rule.threshold && method.clears(then) && !self.history.shown.holds(id, rule.threshold)
+        then < rule.threshold && method.clears(then) && !self.history.shown.holds(id)
     }
 
     pub fn knowledge(&self, id: u32, rule: StateRule) -> VoxelKnowledge {
@@ -132,7 +132,7 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
     fn is_cleared(&self, id: u32, probability: f64, rule: StateRule) -> bool {
         probability < rule.threshold
             && self.beliefs.method.clears(probability)
-            && !self.history.shown.holds(id, rule.threshold)
+            && !self.history.shown.holds(id)
     }
 
     fn is_fresh(&self, slot: u32, rule: StateRule) -> bool {

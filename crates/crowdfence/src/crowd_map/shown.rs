@@ -59,11 +59,10 @@ impl Shown {
         ids
     }
 
-    /// Whether a voxel was shown when somebody last looked at it.
-    pub fn holds(&self, id: u32, threshold: f64) -> bool {
-        let first = self.looks.partition_point(|look| look.id < id);
-        let of_voxel = self.looks[first..].iter().take_while(|look| look.id == id);
-        of_voxel.into_iter().any(|look| clearly_above(look.log_odds, threshold))
+    /// Whether a look showed a voxel as crowd when somebody last looked at it, clearly above the prior: whatever the
+    /// threshold of a zone, nobody calls that place empty.
+    pub fn holds(&self, id: u32) -> bool {
+        self.looks.binary_search_by_key(&id, |look| look.id).is_ok()
     }
 }
 
@@ -105,8 +104,8 @@ mod tests {
         for newest in [10, 12] {
             shown.add(&[], last(newest));
             assert_eq!(shown.ids_at_last_looks(0.5), [3, 7]);
-            assert!(shown.holds(7, 0.5) && !shown.holds(7, 0.8) && shown.holds(3, 0.8));
-            assert!(!shown.holds(5, 0.5) && !shown.holds(8, 0.5));
+            assert!(shown.holds(7) && shown.holds(3));
+            assert!(!shown.holds(5) && !shown.holds(8));
         }
         shown.add(&[], |id| Some(if id == 7 { 12 * SECOND + 1 } else { 12 * SECOND }));
         assert_eq!(shown.ids_at_last_looks(0.5), [3]);

@@ -8,8 +8,8 @@ pub enum VoxelState {
     NeverSeen = 0,
     /// Never seen: a camera pointed at it and something hid it.
     Occluded = 1,
-    /// Seen lately, and the looks speak against crowd: on the whole, and none of the last one and of 2 s before it clearly
-    /// for it.
+    /// Seen lately, and the looks speak against crowd: on the whole, and none of the last one and of 2 s before it for it,
+    /// 2 in log odds above the prior by itself.
     Empty = 2,
     /// The last look left it empty, but too long ago to be evidence of absence.
     Stale = 3,
