@@ -11,7 +11,7 @@ import shapely
 from scipy.spatial.transform import Rotation
 from zenoh.ext import Int64, z_deserialize
 
-from crowdfence import View, run
+from crowdfence import View
 from crowdfence.service.inputs import Inputs
 from crowdfence.service.opening import live
 from crowdfence.service.ros.keys import TYPE_HASHES, RosKeys
@@ -38,6 +38,7 @@ from support.ros_fleet import (
     straight_down,
     tf_message,
     until,
+    with_the_zones_of,
 )
 from support.small_service import (
     CONFIG,
@@ -46,7 +47,6 @@ from support.small_service import (
     SETTINGS,
     START_NS,
     plain,
-    recording,
     running,
     views,
 )
@@ -75,13 +75,7 @@ def test_a_fleet_of_ros_gives_the_zones_of_the_same_recording(tmp_path: Path, ki
 
             again(publish, lambda wanted=number + 1: sum(live_service.heard.accepted.values()) == wanted)
         live_service.finish()
-        moment = service.mission.newest
-        assert moment is not None
-        same = run(recording(flown), plain(), CONFIG).zones
-        assert len(moment.zones) == len(same) > 0
-        for ours, theirs in zip(moment.zones, same, strict=True):
-            # Quaternions carry a rotation to 1e-16.
-            assert ours.polygon.symmetric_difference(theirs.polygon).area < 1e-6
+        moment = with_the_zones_of(flown, service)
         until(lambda: heard["closed"] and _stamp(heard["closed"][-1]) == moment.stamp_ns)
         until(lambda: heard["belief"] and _stamp(heard["belief"][-1]) == moment.stamp_ns)
         until(lambda: heard["zones"] and _marked(heard["zones"][-1], moment.stamp_ns))

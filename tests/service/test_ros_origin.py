@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import get_types_from_msg
 
-from crowdfence import View, run
+from crowdfence import View
 from crowdfence.georeference import Georeference
 from crowdfence.service.ros.link import RosLink
 from crowdfence.service.ros.own_origin import OwnOrigin
@@ -28,8 +28,9 @@ from support.ros_fleet import (
     pose_message,
     straight_down,
     tf_message,
+    with_the_zones_of,
 )
-from support.small_service import CONFIG, SECOND_NS, START_NS, plain, recording, views
+from support.small_service import SECOND_NS, START_NS, views
 
 STORE.register(
     get_types_from_msg(
@@ -186,12 +187,7 @@ def test_robots_that_count_from_their_own_origins_give_the_zones_of_one_frame(
 
             again(publish, lambda wanted=number + 1: sum(heard.accepted.values()) == wanted)
         service.live.finish()
-        moment = service.mission.newest
-        assert moment is not None
-        same = run(recording(flown), plain(), CONFIG).zones
-        assert len(moment.zones) == len(same) > 0
-        for ours, theirs in zip(moment.zones, same, strict=True):
-            assert ours.polygon.symmetric_difference(theirs.polygon).area < 1e-6
+        with_the_zones_of(flown, service)
         for drone in drones:
             seen = service.fleet.last(drone)
             newest = [view for view in flown if view.drone == drone][-1]

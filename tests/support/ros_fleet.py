@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
 
-from crowdfence import View
+from crowdfence import View, run
 from crowdfence.georeference import Georeference
 from crowdfence.service.inputs import Inputs
 from crowdfence.service.opening import live
@@ -23,7 +23,8 @@ from crowdfence.service.ros.keys import RosKeys
 from crowdfence.service.ros.link import RosLink
 from crowdfence.service.ros.topics import live_topics
 from crowdfence.service.service import Service
-from support.small_service import CONFIG, SECOND_NS, SETTINGS, plain
+from crowdfence.service.timeline import Moment
+from support.small_service import CONFIG, SECOND_NS, SETTINGS, plain, recording
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 T = STORE.types
@@ -218,3 +219,15 @@ def level_body(east: float) -> np.ndarray:
     pose[:3, :3] = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     pose[:3, 3] = (east, 3.0, 20.0)
     return pose
+
+
+def with_the_zones_of(flown: list[View], service: Service) -> Moment:
+    """Its newest moment, which has the zones of a run over the same views."""
+    moment = service.mission.newest
+    assert moment is not None
+    same = run(recording(flown), plain(), CONFIG).zones
+    assert len(moment.zones) == len(same) > 0
+    for ours, theirs in zip(moment.zones, same, strict=True):
+        # Quaternions carry a rotation to 1e-16.
+        assert ours.polygon.symmetric_difference(theirs.polygon).area < 1e-6
+    return moment
