@@ -23,9 +23,9 @@ SECOND_NS = 1_000_000_000
 WIDE, TELE = Camera.pinhole(8, 6, 8.0, 8.0, 4.0, 3.0), Camera.pinhole(8, 6, 32.0, 32.0, 4.0, 3.0)
 
 
-def header(stamp_ns: int) -> Any:
+def header(stamp_ns: int, frame: str = "optical") -> Any:
     sec, nanosec = divmod(stamp_ns, SECOND_NS)
-    return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](sec, nanosec), "optical")
+    return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](sec, nanosec), frame)
 
 
 def info(stamp_ns: int, camera: Camera, **changes: Any) -> bytes:
@@ -44,15 +44,15 @@ def info(stamp_ns: int, camera: Camera, **changes: Any) -> bytes:
     return bytes(STORE.serialize_cdr(message, INFO))
 
 
-def heatmap(stamp_ns: int) -> bytes:
-    message = T[IMAGE](header(stamp_ns), 6, 8, "mono8", 0, 8, np.zeros(48, np.uint8))
+def heatmap(stamp_ns: int, frame: str = "optical") -> bytes:
+    message = T[IMAGE](header(stamp_ns, frame), 6, 8, "mono8", 0, 8, np.zeros(48, np.uint8))
     return bytes(STORE.serialize_cdr(message, IMAGE))
 
 
 class Given:
     """Stands for the service: what it was given."""
 
-    def __init__(self, *, rectified: bool = False) -> None:
+    def __init__(self, *, rectified: bool = False, poses: Any = None) -> None:
         self.views: list[dict[str, Any]] = []
         self.refused: Counter[str] = Counter()
         self.reasons: list[str] = []
@@ -61,7 +61,7 @@ class Given:
         live: Any = SimpleNamespace(
             intake=SimpleNamespace(give_view=self.give_view), heard=SimpleNamespace(refused=self.refused)
         )
-        self.intake = Intake("uav1", live, alerts, clock, None, rectified=rectified)  # type: ignore[arg-type]
+        self.intake = Intake("uav1", live, alerts, clock, poses, rectified=rectified)  # type: ignore[arg-type]
 
     def give_view(self, raw: bytes) -> None:
         self.views.append(json.loads(raw))
@@ -229,3 +229,12 @@ def test_a_disk_that_cannot_be_read_for_a_moment_ends_no_stream(monkeypatch: pyt
     assert given.reasons == [
         f"a message of uav1 (heatmap, {IMAGE}) was not taken: crowdfence.sqlite: disk I/O error"
     ]
+
+
+@pytest.mark.parametrize(("named", "frame"), [("", "optical"), ("link", "link")])
+def test_a_picture_that_names_no_frame_is_in_that_of_its_camera_info(named: str, frame: str) -> None:
+    """As in bags: no tf leads to a frame without a name, and all its views were refused."""
+    poses = SimpleNamespace(camera_frame="")
+    given = Given(poses=poses)
+    given.after([("info", INFO, info(0, WIDE)), ("heatmap", IMAGE, heatmap(0, named))], 1)
+    assert len(given.views) == 1 and poses.camera_frame == frame

@@ -49,6 +49,8 @@ class Intake:
         self._poses = poses
         self._camera_of = rectified_camera if rectified else camera_from_info
         self._intrinsics = Intrinsics(_INFO_WITHIN_S)
+        self._frame_of_info = ""
+        """For pictures that name no frame, as in bags."""
         self._waiting: queue.Queue[tuple[str, str, bytes]] = queue.Queue(_ROOM)
         self._stopping = Event()
         self._thread = Thread(target=self._give_all, name=f"ros {drone}", daemon=True)
@@ -70,6 +72,7 @@ class Intake:
                 self._waiting.put_nowait((role, kind, data))
             elif role == "info":
                 info = ros2_messages.decode(kind, data)
+                self._frame_of_info = info.header.frame_id.lstrip("/")
                 self._intrinsics.heard(ros2_messages.time_ns(info.header.stamp), self._camera(info))
             elif self._poses is not None:
                 message = ros2_messages.decode(kind, data)
@@ -115,7 +118,7 @@ class Intake:
         stamp_ns = ros2_messages.time_ns(message.header.stamp)
         camera = self._intrinsics.at(stamp_ns)
         if self._poses is not None:
-            self._poses.camera_frame = message.header.frame_id.lstrip("/")
+            self._poses.camera_frame = message.header.frame_id.lstrip("/") or self._frame_of_info
         view = ViewMessage(
             drone=self._drone,
             stamp_ns=stamp_ns,
