@@ -1,5 +1,6 @@
 """Who may do what, and what the network is refused."""
 
+import gzip
 import json
 from collections.abc import Iterator
 from dataclasses import replace
@@ -266,6 +267,19 @@ def test_bodies_and_requests_have_limits(tmp_path: Path) -> None:
         assert cut.status_code == 413
         codes = [http.get("/healthz").status_code for _ in range(12)]
         assert 429 in codes
+
+
+def test_a_body_that_is_compressed_is_refused_by_that_name(tmp_path: Path) -> None:
+    """It was no JSON, which whoever gave it looked for in what he had written."""
+    (one,) = views(1, ("uav1",))
+    with running(tmp_path) as service, asked(service) as http:
+        packed = http.post(
+            "/api/v1/views", content=gzip.compress(message(one)), headers={"content-encoding": "gzip"}
+        )
+        assert packed.status_code == 415 and "without Content-Encoding" in packed.json()["detail"]
+        assert not service.alerts.all()
+        plain = http.post("/api/v1/views", content=message(one), headers={"content-encoding": "identity"})
+        assert plain.status_code == 202
 
 
 def test_a_body_that_is_no_view_is_small(guarded) -> None:

@@ -116,6 +116,9 @@ class Guard:
         length, most = headers.get("content-length", "0"), self._most_bytes(scope)
         if not length.isdigit() or int(length) > most:
             return 413, _too_large(most), 0.0
+        coding = headers.get("content-encoding", "identity").lower()
+        if coding != "identity":
+            return 415, f"the body is encoded ({coding[:20]!r}): send it without Content-Encoding", 0.0
         who = headers.get("authorization") or headers.get("cookie")
         client = scope.get("client") or ("", 0)
         gives = self._is_giving(scope)

@@ -22,6 +22,7 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"description": "it was there already"},
     409: {"description": "this service replays a recording, or the drone gave another view of this stamp"},
     413: {"description": "too large"},
+    415: {"description": "compressed (Content-Encoding): send it as it is"},
     503: {"description": "its drone's telemetry has not come yet"},
     507: {"description": "it cannot be kept: the disk is full"},
 }
