@@ -73,6 +73,20 @@ def test_sites_are_written_and_nothing_that_closes_ground(sites: Path) -> None:
         assert np.isnan(raster.read(1)).any()
 
 
+def test_a_threshold_below_the_prior_is_told(mission: Path, tmp_path: Path) -> None:
+    """Of landing sites a quarter: at .2 looks may speak against the ground of a site."""
+    for threshold, is_told in ((0.2, True), (0.25, False)):
+        folder = tmp_path / f"{threshold}"
+        done = crowdfence(
+            "run", mission, "-o", folder, "--layer", "landing-site", "--threshold", threshold, "--json"
+        )
+        warnings = json.loads(done.stdout)["warnings"]
+        told = [
+            one for one in warnings if "the threshold 0.2 of landing sites is below the prior 0.25" in one
+        ]
+        assert len(told) == is_told
+
+
 @pytest.mark.parametrize("command", [("export", "-f", "geojson", "-o", "a"), ("explain", "--zone", "Z1")])
 def test_what_is_made_of_zones_says_that_a_layer_has_none(
     sites: Path, tmp_path: Path, command: tuple[str, ...]

@@ -25,6 +25,9 @@ UNKNOWN_PRIOR = 0.5
 _OPENING = (LANDING_SITE,)
 """Layers whose class opens ground: what is dangerous to overlook is that it is not there."""
 
+_BY_CALIBRATION = (EvidenceConfig, LogPoolConfig, MovingAverageConfig)
+"""Methods that weigh looks by what values of the detector are worth, above and below a prior."""
+
 BORDERS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
 """Where one bin of the mean value of a voxel ends and the next begins."""
 _LOG_RATIOS = {
@@ -42,7 +45,7 @@ def with_layer(method: MethodConfig, layer: str, contract: Contract | None = Non
     Methods that weigh looks by their calibration take the one of the layer, or values at their word, unless
     the contract of the detector states one. The prior is the share of the layer's class, or 1/2; `paper`
     keeps its own, the share of the terrain that is fit for landing."""
-    if layer == CROWD or not isinstance(method, (EvidenceConfig, LogPoolConfig, MovingAverageConfig)):
+    if layer == CROWD or not isinstance(method, _BY_CALIBRATION):
         return method
     if isinstance(method, EvidenceConfig) and layer in _OPENING and method.from_below is None:
         method = replace(method, from_below="against")
@@ -60,11 +63,25 @@ def least_threshold(method: MethodConfig, layer: str, contract: Contract | None 
     `paper` and `linear-pool` is met by what one drone of several is sure of, that of methods which go by a
     calibration lies so far above the prior, which may be small. None for others, and for other layers."""
     own_is_low = isinstance(method, PaperConfig | LinearPoolConfig)
-    if layer == LANDING_SITE and isinstance(method, EvidenceConfig | LogPoolConfig | MovingAverageConfig):
+    if layer == LANDING_SITE and isinstance(method, _BY_CALIBRATION):
         prior = method.with_detector(contract).prior
         assert prior is not None
         own_is_low = above(prior, zone_log_odds=method.zone_log_odds) < FIT_FROM
     return FIT_FROM if layer == LANDING_SITE and own_is_low else None
+
+
+def low_threshold_doubt(method: MethodConfig, threshold: float | None, layer: str) -> str | None:
+    """What is doubtful about a threshold that somebody gave for landing sites, of a method with its prior
+    filled in; None for others."""
+    if layer != LANDING_SITE or threshold is None or not isinstance(method, _BY_CALIBRATION):
+        return None
+    assert method.prior is not None
+    if threshold >= method.prior:
+        return None
+    return (
+        f"the threshold {threshold:g} of landing sites is below the prior {method.prior:g}, where looks say "
+        "nothing: ground that they speak against may be a site"
+    )
 
 
 @cache

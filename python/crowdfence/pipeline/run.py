@@ -10,6 +10,7 @@ import numpy as np
 
 from crowdfence._core import CrowdMap, CrowdMass, Terrain, View
 from crowdfence.config import RunConfig
+from crowdfence.config.layer import low_threshold_doubt
 from crowdfence.errors import quoted
 from crowdfence.exports.frames_csv import FrameRow
 from crowdfence.exports.map_description import MapDescription
@@ -171,6 +172,7 @@ def run(
     config, doubts = config.with_detector(heatmaps.contract).with_terrain(terrain)
     coarse = coarse_voxels_warning(terrain.voxel_size_m)
     under = under_ground_line(terrain, recording.frames)
+    low = low_threshold_doubt(config.method, config.zones.threshold, recording.layer)
     crowd_map = config.crowd_map(terrain, len(recording.drones), max_gap_s=float("inf"))
     loop = FrameLoop(crowd_map, config.zones, static_zones, closes=recording.layer == CROWD)
     rows: list[FrameRow] = []
@@ -228,7 +230,7 @@ def run(
         doubts=(
             *map_doubts,
             *doubts,
-            *filter(None, (coarse, under)),
+            *filter(None, (coarse, under, low)),
             *of_flight.warnings(recording.drones, max_range_m),
         ),
         unheeded=unheeded.warnings(loop.crowd_mass) if recording.layer == CROWD else (),
