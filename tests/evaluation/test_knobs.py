@@ -24,7 +24,7 @@ from crowdfence.pipeline import open_terrain
 from crowdfence.sources import open_recording
 
 DEMO = Path(__file__).parents[2] / "python" / "crowdfence" / "demo_data" / "race.mcap"
-# What a detector says of itself, and thresholds, which are swept anyway.
+# What a detector or a layer says of itself, and thresholds, which are swept anyway.
 NO_KNOBS = {
     "likelihood",
     "focal_px",
@@ -34,6 +34,7 @@ NO_KNOBS = {
     "decay_unit",
     "zone_log_odds",
     "clear_log_odds",
+    "from_below",
 }
 
 
