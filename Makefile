@@ -68,11 +68,9 @@ opengl: setup
 	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq libegl1 libgl1-mesa-dri; }
 
 # A file of tests is run by one process: what its tests share is made once. They start hundreds of commands, of which each
-# would compile the package anew where the environment says that Python keeps nothing. A process more than cores: browsers
-# and services are waited for a fifth of the time.
+# would compile the package anew where the environment says that Python keeps nothing.
 test-python: opengl page chromium
-	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --numprocesses $$(($$(nproc) + 1)) --maxprocesses 4 --dist loadfile \
-	  --no-loadscope-reorder
+	PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 # What a user may have: the oldest Python, and of every package the oldest that pyproject.toml allows. The map page is
 # tested by `make test`; what trains needs PyTorch.
