@@ -94,7 +94,7 @@ impl<'a, M: FusionMethod> Reading<'a, M> {
         let method = &self.beliefs.method;
         let none = method.fading(Elapsed { seconds: 0.0, instants: 0 });
         let then = method.probability(self.beliefs.pages.get(id as usize), none);
-        then < rule.threshold && method.clears(then) && !self.history.shown.holds(id)
+        self.is_cleared(id, then, rule)
     }
 
     pub fn knowledge(&self, id: u32, rule: StateRule) -> VoxelKnowledge {

@@ -18,7 +18,7 @@ from crowdfence.service.poses import PoseFeed
 from crowdfence.service.ros.intake import Intake
 from crowdfence.service.ros.keys import RosKeys
 from crowdfence.service.ros.own_origin import OwnOrigin
-from crowdfence.service.ros.poses import RosPoses
+from crowdfence.service.ros.poses import POSE_ROLES, RosPoses
 from crowdfence.service.ros.publisher import RosPublisher
 from crowdfence.service.ros.topics import ROLES, message_type
 from crowdfence.service.service import Service
@@ -49,17 +49,15 @@ class RosLink:
         poses of an origin of their own in a mission that has no place on Earth."""
         found: dict[str, PoseFeed] = {}
         for one in self.topics:
-            origin = self._origin(one, anchor)
-            if one.camera_pose:
+            role = next((role for role in POSE_ROLES if getattr(one, role)), None)
+            if role is not None:
                 found[one.drone] = RosPoses(
-                    "camera_pose", None, noise=self.noise, topic=one.camera_pose, origin=origin
+                    role,
+                    self.mount if role == "pose" else None,
+                    noise=self.noise,
+                    topic=getattr(one, role),
+                    origin=self._origin(one, anchor),
                 )
-            elif one.pose:
-                found[one.drone] = RosPoses(
-                    "pose", self.mount, noise=self.noise, topic=one.pose, origin=origin
-                )
-            elif one.tf:
-                found[one.drone] = RosPoses("tf", None, noise=self.noise, topic=one.tf, origin=origin)
         return found
 
     def _origin(self, one: DroneTopics, anchor: Georeference | None) -> OwnOrigin | None:

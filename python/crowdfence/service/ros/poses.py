@@ -10,7 +10,7 @@ import logging
 from collections import deque
 from collections.abc import Iterable, Sequence
 from threading import Condition
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,8 @@ from crowdfence.sources.told_by_two import told_by_two
 
 _LOG = logging.getLogger(__name__)
 PoseRole = Literal["camera_pose", "pose", "tf"]
+POSE_ROLES: tuple[PoseRole, ...] = get_args(PoseRole)
+"""Of several that are named the first counts."""
 
 _KEPT_NS = 70_000_000_000
 """As long as a view may be late, and a little more."""
@@ -188,7 +190,7 @@ class RosPoses:
 
     @property
     def newest_ns(self) -> int | None:
-        if self._origin is not None and not self._origin.is_known:
+        if self._lacks_origin:
             return None
         if self._role == "tf":
             newest = [time_ns(self._moving[frame][-1].header.stamp) for frame in self._moving_chain()]
@@ -197,13 +199,17 @@ class RosPoses:
 
     @property
     def lacks(self) -> str:
-        if self._origin is not None and not self._origin.is_known:
+        if self._origin is not None and self._lacks_origin:
             return f"nothing on {self._origin.topic}, which says where its poses count from"
         if self._role != "tf":
             return "nothing on its pose topic"
         if not self.camera_frame:
             return "no picture to say which frame of tf its camera is"
         return f"no tf of something that moves leads to {self.camera_frame}"
+
+    @property
+    def _lacks_origin(self) -> bool:
+        return self._origin is not None and not self._origin.is_known
 
     def _moving_chain(self) -> list[str]:
         """Frames that move between the camera and the world."""
@@ -274,9 +280,9 @@ class RosPoses:
                 "camera hangs with --mount, such as level:-60"
             )
         self._require_one_parent(path, stamp_ns)
-        segments: list[Segment] = [body, *tree.segments(path)]
+        segments = tree.segments(path)
         self._require_told(segments, stamp_ns)
-        return composed(segments, self._max_gap_s)
+        return composed([body, *segments], self._max_gap_s)
 
     def _optical(self, tree: TransformTree) -> str:
         """The frame of the pictures, as in bags."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from crowdfence.service.ros.poses import POSE_ROLES
 from crowdfence.sources.mission import ros2_messages
 from crowdfence.sources.ros_bag.topic_choice import DroneTopics, each_once
 
@@ -80,7 +81,7 @@ def _of_drone(text: str) -> DroneTopics:
     drone = named.pop("drone", "") or pictures.strip("/").partition("/")[0]
     if not (drone and ("camera" in named or "heatmap" in named) and "info" in named):
         raise ValueError(f"--topics {text!r}: a drone needs camera= or heatmap=, and info=")
-    if "origin" in named and not {"camera_pose", "pose", "tf"} & named.keys():
+    if "origin" in named and not named.keys() & POSE_ROLES:
         raise ValueError(
             f"--topics {text!r}: origin= says where its poses count from; name camera_pose=, pose= or tf= too"
         )
