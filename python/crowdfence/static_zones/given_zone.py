@@ -33,7 +33,7 @@ _CIRCLE_CORNERS = 64
 _MAX_RADIUS_M = 2e6
 _HIGHER_GROUND = 1.001
 """A circle on the ellipsoid is so much wider 6 km above it."""
-_MAX_LONGITUDE_DEG = 540.0
+MAX_LONGITUDE_DEG = 540.0
 """Files that go on beyond the antimeridian write 181; what is farther round is no longitude."""
 _FAR_DEG = 20.0
 """No mission comes to a zone so far away."""
@@ -255,14 +255,14 @@ def _away_deg(place: NDArray[np.float64], georeference: Georeference) -> float:
 
 def _check_places(name: str, corners: NDArray[np.float64]) -> None:
     longitude_deg, latitude_deg = abs(corners).max(axis=0)
-    if latitude_deg > _MAX_LONGITUDE_DEG:
+    if latitude_deg > MAX_LONGITUDE_DEG:
         raise ValueError(
             f"zone {name!r} has a corner at {corners[0, 0]:.10g}, {corners[0, 1]:.10g}: no degrees, as in a "
             "file of metres; write it in longitude and latitude (WGS 84)"
         )
     if latitude_deg > MAX_LATITUDE_DEG:
         raise ValueError(f"zone {name!r} reaches beyond {MAX_LATITUDE_DEG:g} degrees of latitude")
-    if longitude_deg > _MAX_LONGITUDE_DEG:
+    if longitude_deg > MAX_LONGITUDE_DEG:
         raise ValueError(f"zone {name!r} has a longitude of {longitude_deg:g} degrees")
 
 

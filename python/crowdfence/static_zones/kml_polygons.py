@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from crowdfence.errors import quoted
 from crowdfence.static_zones.given_zone import NO_CEILING_M, GivenPolygon, GivenZone, ring_of
+from crowdfence.static_zones.vertical_faces import ground_of
 from crowdfence.zones import AltitudeBand
 
 _LINES = ("LineString", "LinearRing")
@@ -58,7 +59,7 @@ def kml_zones(data: bytes, left_out: list[str]) -> Iterator[GivenZone]:
 
 def _zone(polygons: Iterable[Any], name: str) -> GivenZone:
     parts = [part for polygon in polygons for part in _parts_of(polygon, name)]
-    return GivenZone(name, parts, AltitudeBand(0.0, NO_CEILING_M, "AGL"))
+    return GivenZone(name, ground_of(parts), AltitudeBand(0.0, NO_CEILING_M, "AGL"))
 
 
 def _parts_of(polygon: Any, name: str) -> Iterator[GivenPolygon]:
