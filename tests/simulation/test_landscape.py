@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import shapely
+from shapely.affinity import rotate, translate
 
 from crowdfence.simulation.landscape import build_landscape
 from crowdfence.simulation.landscape.ground import Ground, cover_weights
@@ -150,6 +152,27 @@ def test_obstacles_are_discs_and_turned_rectangles():
     y = [0.5, 0.0, 0.0, 0.0, 2.9, 0.0, 0.0, 3.4, 3.6]
     expected = [True, True, False, True, True, True, False, True, False]
     assert obstacles.blocked(x, y, 0.5).tolist() == expected
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_crowd_is_held_against_the_obstacles_near_it_only(seed):
+    """And so found as blocked as each of its people alone, by all obstacles."""
+    rng = np.random.default_rng(seed)
+    obstacles = Obstacles()
+    circles = np.column_stack([rng.uniform(-60, 60, (80, 2)), rng.choice([0.3, 1.0, 3.0, 12.0], 80)])
+    obstacles.add_circles(*circles.T)
+    for _ in range(30):
+        obstacles.add_rectangle(*rng.uniform(-60, 60, 2), *rng.uniform(0, 6, 3))
+    places = rng.uniform(-60, 60, 2) + rng.uniform(-15, 15, (200, 2))
+    shapes = [shapely.Point(x, y).buffer(radius, 256) for x, y, radius in circles]
+    for x, y, heading, length, width in np.concatenate(obstacles.rectangles):
+        box = rotate(shapely.box(-length, -width, length, width), heading, origin=(0, 0), use_radians=True)
+        shapes.append(translate(box, x, y))
+    away_m = np.min([shapely.distance(shape, shapely.points(places)) for shape in shapes], axis=0)
+    clear = np.abs(away_m - 0.3) > 1e-2  # circles of shapely have corners
+    blocked = obstacles.blocked(*places.T, 0.3)
+    np.testing.assert_array_equal(blocked[clear], away_m[clear] < 0.3)
+    assert 20 < blocked.sum() < 190
 
 
 def test_cover_weights_fill_up_with_grass():

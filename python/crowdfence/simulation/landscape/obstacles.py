@@ -43,6 +43,7 @@ class Obstacles:
         # One tree per size class: a few wide circles would otherwise hide behind many narrow ones.
         for low, high in ((0.0, 0.6), (0.6, 1.5), (1.5, 4.0), (4.0, np.inf)):
             members = circles[(circles[:, 2] >= low) & (circles[:, 2] < high)]
+            members = members[_near(members, members[:, 2].max(initial=0.0) + radius_m, x, y)]
             if len(members):
                 neighbours = min(8, len(members))
                 distance, index = cKDTree(members[:, :2]).query(points, k=neighbours)
@@ -55,12 +56,25 @@ class Obstacles:
         self, x: NDArray[np.float64], y: NDArray[np.float64], radius_m: float
     ) -> NDArray[np.bool_]:
         blocked = np.zeros(x.shape, bool)
-        for centre_x, centre_y, heading, half_length, half_width in (
-            np.concatenate(self.rectangles) if self.rectangles else np.zeros((0, 5))
-        ):
+        rectangles = np.concatenate([np.zeros((0, 5)), *self.rectangles])
+        reach_m = np.hypot(rectangles[:, 3], rectangles[:, 4]) + radius_m
+        for centre_x, centre_y, heading, half_length, half_width in rectangles[
+            _near(rectangles, reach_m, x, y)
+        ]:
             dx, dy = x - centre_x, y - centre_y
             along = np.abs(np.cos(heading) * dx + np.sin(heading) * dy) - half_length
             across = np.abs(-np.sin(heading) * dx + np.cos(heading) * dy) - half_width
             outside = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
             blocked |= np.where((along < 0) & (across < 0), True, outside < radius_m)
         return blocked
+
+
+def _near(
+    obstacles: NDArray[np.float64], reach_m: ArrayLike, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Which obstacles (x, y, ...) may reach a point: a crowd is metres wide, its landscape kilometres."""
+    if x.size == 0:
+        return np.zeros(len(obstacles), bool)
+    beside_x = np.maximum(x.min() - obstacles[:, 0], obstacles[:, 0] - x.max())
+    beside_y = np.maximum(y.min() - obstacles[:, 1], obstacles[:, 1] - y.max())
+    return np.asarray(np.maximum(beside_x, beside_y) <= reach_m)
