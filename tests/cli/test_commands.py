@@ -59,8 +59,9 @@ def test_both_forms_of_a_recording_give_the_same_map(airsim: Path, mission: Path
     terrain_path = airsim / "terrain" / "terrain.bt"
     for recording, output in ((airsim, "airsim"), (mission, "mission")):
         done = crowdfence(
-            "run", recording, "-t", terrain_path, "-o", tmp_path / output, "--prior", 0.2, *RECORDED
-        )
+            "run", recording, "-t", terrain_path, "-o", tmp_path / output, "--prior", 0.2, *RECORDED,
+            *FEW_FILES, "--files", "crowd_map.crowdmap",
+        )  # fmt: skip
         assert done.returncode == 0, done.stderr
     terrain = Terrain.open(terrain_path)
     maps = [
@@ -116,7 +117,8 @@ def test_a_run_writes_what_it_says(airsim: Path, tmp_path: Path) -> None:
 
 def test_an_exported_file_tells_the_same_of_the_run_as_its_own_files(airsim: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert crowdfence("run", airsim, *RECORDED, "-o", out, "--off-threshold", 0.02).returncode == 0
+    common = ("run", airsim, *RECORDED, *FEW_FILES)
+    assert crowdfence(*common, "-o", out, "--off-threshold", 0.02).returncode == 0
     assert crowdfence("export", out, "-f", "geojson", "-o", tmp_path / "zones.geojson").returncode == 0
     exported, written = (
         json.loads((folder / "zones.geojson").read_text())["crowdfence"] for folder in (tmp_path, out)
@@ -208,7 +210,8 @@ def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
 
 
 def test_unseen_ground_is_never_written_as_empty(airsim: Path, tmp_path: Path) -> None:
-    assert crowdfence("run", airsim, *RECORDED, "-o", tmp_path, "--prior", 0.2).returncode == 0
+    files = ("--files", "crowd_map.tif")
+    assert crowdfence("run", airsim, *RECORDED, "-o", tmp_path, *files, "--prior", 0.2).returncode == 0
     with rasterio.open(tmp_path / "crowd_map.tif") as raster:
         probability, state = raster.read(1), raster.read(2)
         assert np.isnan(raster.nodata)
@@ -222,26 +225,26 @@ def test_a_plain_folder_runs_with_a_georeferenced_height_model(tmp_path: Path) -
     recording = write_folder(tmp_path / "plain", flight())
     dem = tmp_path / "dem.tif"
     crs = "+proj=aeqd +lat_0=46.5 +lon_0=8 +datum=WGS84"
-    transform = rasterio.transform.from_origin(-600.0, 600.0, 4.0, 4.0)
+    transform = rasterio.transform.from_origin(-500.0, 400.0, 4.0, 4.0)
     with rasterio.open(
         dem,
         "w",
         driver="GTiff",
-        width=300,
-        height=300,
+        width=150,
+        height=150,
         count=1,
         dtype="float32",
         crs=crs,
         transform=transform,
     ) as raster:
-        raster.write(np.full((300, 300), 1175.0, np.float32), 1)
+        raster.write(np.full((150, 150), 1175.0, np.float32), 1)
     done = crowdfence(
         "run", recording, "-t", dem, *FEW_FILES, "-o", tmp_path / "out", "--prior", 0.2, "--json"
     )
     assert done.returncode == 0, done.stderr
     terrain = json.loads(done.stdout)["terrain"]
     assert terrain["seen_voxels"] > 100
-    # Finer than the pixels of 4 m: 2.9 million columns.
+    # Finer than the pixels of 4 m: 1.4 million columns.
     assert terrain["voxel_size_m"] == 0.5
 
 
@@ -254,8 +257,9 @@ def test_the_map_that_a_run_leaves_is_the_terrain_of_its_crowd_map(tmp_path: Pat
     profile = {"driver": "GTiff", "count": 1, "dtype": "float32", "crs": crs, "transform": transform}
     with rasterio.open(dem, "w", width=300, height=300, **profile) as raster:
         raster.write(np.full((300, 300), 1175.0, np.float32), 1)
+    files = ("--files", "terrain.bt", "--files", "crowd_map.crowdmap")
     done = crowdfence(
-        "run", recording, "-t", dem, "-o", tmp_path / "out", "--prior", 0.2, "--voxel-size-m", 2
+        "run", recording, "-t", dem, *files, "-o", tmp_path / "out", "--prior", 0.2, "--voxel-size-m", 2
     )
     assert done.returncode == 0, done.stderr
     terrain = Terrain.open(tmp_path / "out" / "terrain.bt")
@@ -479,7 +483,7 @@ def test_crowd_that_meets_no_ground_is_not_lost_without_a_word(
 ) -> None:
     folder = write_crowd_over_plain(tmp_path / "flight", hole)
     common = (folder, "-t", folder / "plain.bt", *RECORDED, *options, "--method", "or")
-    done = crowdfence("run", *common, "-o", tmp_path / "out")
+    done = crowdfence("run", *common, *FEW_FILES, "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["area_m2"]["crowd"] == area_m2
@@ -517,7 +521,7 @@ def test_a_frame_that_cannot_be_read_is_reported_and_the_rest_is_fused(airsim: P
     subprocess.run(["cp", "-r", airsim, damaged], check=True)
     heatmap = sorted((damaged / "heatmaps").iterdir())[2]
     heatmap.write_bytes(heatmap.read_bytes()[:40])
-    done = crowdfence("run", damaged, *RECORDED, "-o", tmp_path / "out", "--prior", 0.2)
+    done = crowdfence("run", damaged, *RECORDED, *FEW_FILES, "-o", tmp_path / "out", "--prior", 0.2)
     assert done.returncode == 0
     # The heatmaps are noise up to the sky: each drone is warned of for that, and that no ground is crowd.
     noise = ("is not on the map", "no ground ever reached")
@@ -542,7 +546,7 @@ def test_frames_refused_for_one_reason_are_one_line_and_all_in_the_summary(
         heatmap.write_bytes(heatmap.read_bytes()[:40])
     Image.new("RGB", (16, 12)).save(colour)
     for command, output in (("run", "out"), ("convert", "copy.mcap")):
-        given = (*RECORDED, "--prior", 0.2) if command == "run" else ()
+        given = (*RECORDED, *FEW_FILES, "--prior", 0.2) if command == "run" else ()
         done = crowdfence(command, damaged, *given, "-o", tmp_path / output)
         assert done.returncode == 0
         told = [line for line in done.stderr.splitlines() if "heatmap" in line and "on the map" not in line]

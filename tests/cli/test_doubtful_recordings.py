@@ -161,6 +161,7 @@ def test_every_command_says_what_is_doubtful_about_recording_and_map(
     recording, ground = doubtful
     output = {"run": "out", "align": "offsets.json", "detect": "seen.mcap"}.get(command)
     where = () if output is None else ("-o", tmp_path / output)
+    where += FEW_FILES if command == "run" else ()
     told = ("--json",) if as_json else ()
     done = crowdfence(command, recording, "-t", ground, "--assume-local", *where, *told)
     assert done.returncode == (3 if command == "align" else 0), done.stderr  # a hover tells nothing
@@ -179,7 +180,7 @@ def test_masks_of_zero_and_one_are_doubted_by_whoever_reads_them(
         mask = np.zeros((6, 8), np.uint8)
         mask[2:4, 2:4] = 1
         Image.fromarray(mask).save(heatmap)
-    where = ("-o", tmp_path / "out") if command == "run" else ()
+    where = (*FEW_FILES, "-o", tmp_path / "out") if command == "run" else ()
     common = ("-t", doubtful[1], "--assume-local", "--detector", "recorded", "--json")
     done = crowdfence(command, masks, *common, *where)
     assert done.returncode == 0, done.stderr
@@ -207,7 +208,7 @@ def labelled(recording: Path, heights_m: list[float]) -> Path:
 @pytest.mark.parametrize("command", ["run", "evaluate"])
 def test_heights_that_the_map_settles_are_told(plain: Path, tmp_path: Path, command: str) -> None:
     flown = labelled(write_hovering(tmp_path / "rec", {"uav1": FIRST}), [5.0, 45.0, 45.0, 45.0])
-    where = ("-o", tmp_path / "out") if command == "run" else ()
+    where = (*FEW_FILES, "-o", tmp_path / "out") if command == "run" else ()
     common = (flown, "-t", plain, "--assume-local", "--detector", "recorded", "--ground-start", "--json")
     done = crowdfence(command, *common, *where)
     assert done.returncode == 0, done.stderr
@@ -221,7 +222,7 @@ def test_a_coarse_map_and_cameras_under_its_ground_are_told(
     plain: Path, tmp_path: Path, command: str
 ) -> None:
     flown = labelled(write_hovering(tmp_path / "rec", {"uav1": FIRST}), [40.0, 40.0, 40.0, -30.0])
-    where = ("-o", tmp_path / "out") if command == "run" else ()
+    where = (*FEW_FILES, "-o", tmp_path / "out") if command == "run" else ()
     common = (flown, "-t", plain, "--assume-local", "--voxel-size-m", 4, "--detector", "recorded", "--json")
     done = crowdfence(command, *common, *where)
     assert done.returncode == 0, done.stderr
@@ -315,7 +316,7 @@ def test_an_evaluation_doubts_all_that_a_run_doubts(plain: Path, tmp_path: Path,
     said = {}
     for threshold in (None, 1.0):
         told = () if threshold is None else ("--threshold", threshold)
-        ran = crowdfence("run", *common, *told, "-o", tmp_path / f"out{threshold}")
+        ran = crowdfence("run", *common, *told, *FEW_FILES, "-o", tmp_path / f"out{threshold}")
         scored = crowdfence("evaluate", *common, *told, "--method", "evidence")
         assert ran.returncode == scored.returncode == 0, ran.stderr + scored.stderr
         run, said[threshold] = (set(json.loads(done.stdout)["warnings"]) for done in (ran, scored))
@@ -337,7 +338,10 @@ def test_every_command_that_reads_a_recording_tells_its_warnings(
     flown = write_hovering(tmp_path / "rec", {"uav1": FIRST})
     with (flown / "poses.csv").open("a") as poses:
         poses.write("uav1,x,0,0,40,0,1,0,0\n")
-    options = {"run": ("-o", tmp_path / "out"), "convert": ("-o", tmp_path / "flight.mcap")}.get(command, ())
+    options = {
+        "run": (*FEW_FILES, "-o", tmp_path / "out"),
+        "convert": ("-o", tmp_path / "flight.mcap"),
+    }.get(command, ())
     local = () if command == "convert" else ("--assume-local",)
     done = crowdfence(command, flown, "-t", plain, *local, *options)
     assert done.returncode == 0, done.stderr

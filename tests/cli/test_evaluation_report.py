@@ -18,26 +18,23 @@ from crowdfence.evaluation.report import plots
 from crowdfence.evaluation.report.page import MOST_REFUSALS, _doubts
 from crowdfence.sources.recording import Frame
 from support.command_line import crowdfence
+from support.near_ground import write_near_ground
 from support.small_recordings import flight, write_airsim
 
-ARGUMENTS = (
-    "evaluate",
-    RECORDING,
-    "--truth",
-    "world",
-    "--detector",
-    "recorded",
-    "-m",
-    "evidence",
-    "-m",
-    "or",
-)
+METHODS = ("-m", "evidence", "-m", "or")
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def race(tmp_path_factory: pytest.TempPathFactory) -> tuple[object, ...]:
+    """The words that evaluate it by the methods that follow."""
+    near = write_near_ground(tmp_path_factory.mktemp("near"))
+    return ("evaluate", RECORDING, "-t", near, "--truth", "world", "--detector", "recorded")
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory, race: tuple[object, ...]) -> Path:
     folder = tmp_path_factory.mktemp("evaluated") / "report"
-    done = crowdfence(*ARGUMENTS, "--report", folder, "--json")
+    done = crowdfence(*race, *METHODS, "--report", folder, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads((folder / "scores.json").read_text()) == json.loads(done.stdout)
     return folder
@@ -58,8 +55,8 @@ def test_a_report_is_a_page_with_its_plots(report: Path) -> None:
         assert f"{100 * row['safety']['in_zone'][2]:.1f} %" in page
 
 
-def test_table_and_page_say_the_same_and_of_how_many(report: Path) -> None:
-    done = crowdfence(*ARGUMENTS, "--or-b-threshold", "0.7")
+def test_table_and_page_say_the_same_and_of_how_many(report: Path, race: tuple[object, ...]) -> None:
+    done = crowdfence(*race, *METHODS, "--or-b-threshold", "0.7")
     assert done.returncode == 0, done.stderr
     scores = json.loads((report / "scores.json").read_text())["scores"]
     people, moments = (scores[0]["safety"][name] for name in ("people", "moments"))
@@ -89,8 +86,9 @@ def test_the_page_says_what_was_doubtful_and_what_was_refused(report: Path) -> N
     assert page.count("it is &lt;cut&gt; off") == MOST_REFUSALS and "and 3 more" in page
 
 
-def test_a_small_threshold_is_shown_by_table_and_page(tmp_path: Path) -> None:
-    done = crowdfence(*ARGUMENTS[:8], "--threshold", "0.0003", "--report", tmp_path / "report")
+def test_a_small_threshold_is_shown_by_table_and_page(tmp_path: Path, race: tuple[object, ...]) -> None:
+    words = ("-m", "evidence", "--threshold", "0.0003", "--report", tmp_path / "report")
+    done = crowdfence(*race, *words)
     assert done.returncode == 0, done.stderr
     assert re.search(r"evidence +0\.0003 ", done.stdout)
     assert "<td>0.0003</td>" in (tmp_path / "report" / "index.html").read_text()
@@ -179,9 +177,9 @@ def test_no_label_of_a_plot_is_not_a_number(without_crowds: Path) -> None:
         assert not any("nan" in str(line.get_label()) for line in axes.lines)
 
 
-def test_only_a_report_is_replaced(tmp_path: Path) -> None:
+def test_only_a_report_is_replaced(tmp_path: Path, race: tuple[object, ...]) -> None:
     (tmp_path / "mine.txt").write_text("keep me")
-    refused = crowdfence(*ARGUMENTS, "--report", tmp_path)
+    refused = crowdfence(*race, *METHODS, "--report", tmp_path)
     assert refused.returncode == 1 and "mine.txt" in refused.stderr
     assert (tmp_path / "mine.txt").read_text() == "keep me"
 
@@ -193,9 +191,9 @@ def test_a_report_needs_people(tmp_path: Path) -> None:
     assert not (tmp_path / "report").exists()
 
 
-def test_every_knob_can_be_turned(tmp_path: Path) -> None:
+def test_every_knob_can_be_turned(tmp_path: Path, race: tuple[object, ...]) -> None:
     methods = ("-m", "moving-average", "-m", "or")
-    arguments = (*ARGUMENTS[:6], *methods, "--sweep", "--report", tmp_path / "report", "--json")
+    arguments = (*race, *methods, "--sweep", "--report", tmp_path / "report", "--json")
     done = crowdfence(*arguments)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

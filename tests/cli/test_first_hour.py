@@ -56,7 +56,7 @@ def test_a_converted_recording_is_one_file_that_opens_elsewhere(airsim: Path, tm
     with moved.open("rb") as file:
         (attachment,) = make_reader(file).iter_attachments()
     assert (attachment.name, attachment.data) == ("terrain.bt", original)
-    done = crowdfence("run", moved, *RECORDED, "-o", elsewhere / "out", "--json")
+    done = crowdfence("run", moved, *RECORDED, *FEW_FILES, "-o", elsewhere / "out", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)["terrain"]
     assert (told["voxels"], told["voxel_size_m"]) == (len(np.unique(ground() // 2.0, axis=0)), 2.0)
@@ -143,7 +143,7 @@ def test_the_real_reason_survives_when_nothing_can_be_used(tmp_path: Path, name:
 def test_recorded_heatmaps_are_not_replaced_in_silence(airsim: Path, tmp_path: Path, command: str) -> None:
     """Who records heatmaps of a detector of their own means them. No renderer makes pictures as flat as
     these, which decides who looks."""
-    where = ("-o", tmp_path / "out", "--force") if command == "run" else ("-m", "or")
+    where = (*FEW_FILES, "-o", tmp_path / "out", "--force") if command == "run" else ("-m", "or")
     told = "the recorded heatmaps are not used: crowdnet-s-wide looks at the pictures; --detector recorded"
     why = "most pictures are unlike those that crowdnet-s was tested on, as real cameras' are"
     for words, warned, told_by in (
@@ -350,7 +350,15 @@ def test_one_is_no_plural(tmp_path: Path) -> None:
     folder = one_look(tmp_path / "flight")
     plain = Terrain.from_indices([(x, y, -1) for x in range(40) for y in range(40)], 1.0)
     done = crowdfence(
-        "run", folder, "-t", write_bt(tmp_path / "p.bt", plain), "-m", "or", "-o", tmp_path / "out"
+        "run",
+        folder,
+        "-t",
+        write_bt(tmp_path / "p.bt", plain),
+        "-m",
+        "or",
+        *FEW_FILES,
+        "-o",
+        tmp_path / "out",
     )
     assert done.returncode == 0, done.stderr
     assert "flight: 1 instant of 1 drone\n" in done.stdout
@@ -374,7 +382,7 @@ def test_a_map_whose_datum_is_not_known_is_refused_or_doubted(tmp_path: Path) ->
     assert doubt in crowdfence("inspect", "--quick", maps["GRS80"]).stderr
     common = (folder, "--assume-local", "-t", maps["GRS80"])
     assert doubt in crowdfence("inspect", "--quick", *common).stderr
-    done = crowdfence("run", *common, "-m", "or", "-o", tmp_path / "b", "--json")
+    done = crowdfence("run", *common, "-m", "or", *FEW_FILES, "-o", tmp_path / "b", "--json")
     assert done.returncode == 0, done.stderr
     assert [doubt in line for line in json.loads(done.stdout)["warnings"]].count(True) == 1
 

@@ -22,6 +22,7 @@ from support.command_line import crowdfence
 from support.onnx_models import contract as document
 from support.onnx_models import write_map_model
 
+ONE_FILE = ("--files", "sites.geojson")
 SMALL = ("--no-rgb", "--frames", 3, "--size", "160x128", "--drones", 2, "--voxel", 2, "--workers", 1)
 
 
@@ -78,7 +79,16 @@ def test_a_threshold_below_the_prior_is_told(mission: Path, tmp_path: Path) -> N
     for threshold, is_told in ((0.2, True), (0.25, False)):
         folder = tmp_path / f"{threshold}"
         done = crowdfence(
-            "run", mission, "-o", folder, "--layer", "landing-site", "--threshold", threshold, "--json"
+            "run",
+            mission,
+            "-o",
+            folder,
+            "--layer",
+            "landing-site",
+            "--threshold",
+            threshold,
+            *ONE_FILE,
+            "--json",
         )
         warnings = json.loads(done.stdout)["warnings"]
         told = [
@@ -111,8 +121,9 @@ def test_sites_smaller_than_the_least_area_are_left_out(mission: Path, sites: Pa
     found = [site["area_m2"] for site in json.loads((sites / "summary.json").read_text())["sites"]]
     least_m2 = sorted(found)[len(found) // 2]
     done = crowdfence(
-        "run", mission, "-o", tmp_path / "out", "--layer", "landing-site", "--min-area-m2", least_m2, "--json"
-    )
+        "run", mission, "-o", tmp_path / "out", "--layer", "landing-site", "--min-area-m2", least_m2,
+        *ONE_FILE, "--json",
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     left = [site["area_m2"] for site in json.loads(done.stdout)["sites"]]
     assert sorted(left) == sorted(area for area in found if area >= least_m2)

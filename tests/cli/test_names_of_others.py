@@ -8,7 +8,8 @@ import pytest
 
 from crowdfence.cli.demo import RECORDING
 from crowdfence.legible import legible, shown, table_cell, unreadable
-from support.command_line import crowdfence
+from support.command_line import FEW_FILES, crowdfence
+from support.near_ground import write_near_ground
 from support.painted_flights import circling, paint, write_flight
 from support.small_recordings import flight, write_folder
 
@@ -51,7 +52,17 @@ def test_a_table_begins_no_formula_and_brackets_are_no_style(tmp_path: Path) -> 
     place.parent.mkdir()
     recording = named(tmp_path / "plain", name)
     (tmp_path / "plain.obj").write_text(OBJ)
-    common = ("--terrain-option", "unit_m=10", "--voxel-size-m", 5, "--prior", 0.2, "--min-area-m2", 0)
+    common = (
+        "--terrain-option",
+        "unit_m=10",
+        "--voxel-size-m",
+        5,
+        "--prior",
+        0.2,
+        "--min-area-m2",
+        0,
+        *FEW_FILES,
+    )
     done = crowdfence("run", recording, "-t", tmp_path / "plain.obj", *common, "-o", place, columns=300)
     assert done.returncode == 0, done.stderr
     assert f"results in {place}" in done.stdout
@@ -73,7 +84,8 @@ def test_names_of_zones_are_legible_everywhere(tmp_path: Path) -> None:
         for kind, at in (("Polygon", [ring]), ("Point", ring[0]))
     ]
     (tmp_path / "others.json").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    run = crowdfence("run", RECORDING, "--detector", "recorded", "-o", tmp_path / "run", "--json")
+    common = ("-t", write_near_ground(tmp_path), "--detector", "recorded", *FEW_FILES)
+    run = crowdfence("run", RECORDING, *common, "-o", tmp_path / "run", "--json")
     assert run.returncode == 0, run.stderr
     given = ("--static-zones", tmp_path / "others.json")
     told = crowdfence("export", tmp_path / "run", "-f", "csv", *given, "-o", tmp_path / "z.csv", columns=300)

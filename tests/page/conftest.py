@@ -8,6 +8,7 @@ import pytest
 from playwright.sync_api import Browser, BrowserContext, sync_playwright
 
 from support.map_page import SOFTWARE_GL, Console, Server, free_port, open_console, replay
+from support.near_ground import write_near_ground
 
 
 @pytest.fixture(scope="module")
@@ -15,6 +16,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """One for each file: how far its mission is must not depend on the files before."""
     tokens = tmp_path_factory.mktemp("page") / "tokens.json"
     server = Server(tokens, free_port())  # known beforehand, so that it can be started there again
+    near = ["--terrain", str(write_near_ground(tokens.parent))]
+    server.mission = [*replay("recorded", "0.03"), *near]  # slow: still going on when the page has loaded
     if "CROWDFENCE_PICTURE" in os.environ:
         # The picture in the documentation is of the whole mission, with the shipped detector.
         server.mission = replay("auto", "1")

@@ -6,6 +6,7 @@ from playwright.sync_api import Browser, Error
 
 from support.live_field import level_mission
 from support.map_page import Console, Server, free_port, open_console, replay
+from support.near_ground import write_near_ground
 
 
 def name_shown(console: Console) -> str | None:
@@ -19,6 +20,7 @@ def test_the_ground_alerts_and_zones_are_those_of_the_mission_that_answers(
     browser: Browser, tmp_path: Path
 ) -> None:
     first = Server(tmp_path / "tokens.json", free_port(), mission=replay("recorded", "8"))
+    first.mission += ["--terrain", str(write_near_ground(tmp_path))]
     second = Server(first.tokens, first.port, mission=[*level_mission(tmp_path), "--name", "meadow"])
     first.admit("operator")
     second.token = first.token

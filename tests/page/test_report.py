@@ -8,12 +8,14 @@ from pathlib import Path
 from playwright.sync_api import Browser
 
 from support.map_page import RECORDING
+from support.near_ground import write_near_ground
 
 
 def test_on_a_phone_no_area_is_cut_off_and_no_crowd_has_a_probability_of_zero(
     browser: Browser, tmp_path: Path
 ) -> None:
     command = [sys.executable, "-m", "crowdfence", "run", str(RECORDING), "--detector", "recorded"]
+    command += ["--terrain", str(write_near_ground(tmp_path))]
     subprocess.run([*command, "-o", str(tmp_path / "out")], check=True, capture_output=True)
     context = browser.new_context(viewport={"width": 390, "height": 844})
     page = context.new_page()

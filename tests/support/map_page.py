@@ -48,9 +48,8 @@ class Server:
     token: dict[str, str] = field(default_factory=dict)
     """By role."""
     process: "subprocess.Popen[str] | None" = None
-    mission: list[str] = field(default_factory=lambda: replay("recorded", "0.03"))
-    """What is served, as words of the command; the race is slow enough to be still going on when the page
-    has loaded on a busy machine."""
+    mission: list[str] = field(default_factory=list)
+    """What is served, as words of the command."""
 
     def admit(self, role: str) -> None:
         """A token for somebody of this role."""
