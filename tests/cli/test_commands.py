@@ -197,13 +197,15 @@ def test_what_or_calls_crowd_is_not_said_to_be_opened_by_a_look(airsim: Path, tm
 
 def test_a_switch_chooses_the_files(airsim: Path, tmp_path: Path) -> None:
     common = ("run", airsim, *RECORDED, "--prior", 0.2, "-o", tmp_path / "out")
-    done = crowdfence(*common, "--files", "crowd_map.tif")
+    done = crowdfence(*common, "--files", "crowd_map.tif,frames.csv", "--files", "terrain.bt")
     assert done.returncode == 0, done.stderr
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "zones.geojson",
         "zone_history.jsonl",
         "summary.json",
         "crowd_map.tif",
+        "frames.csv",
+        "terrain.bt",
     }
     line = error_line(crowdfence(*common, "--force", "--files", "picture"))
     assert "'picture' is no file of a run; there are zones.geojson, zone_history.jsonl" in line

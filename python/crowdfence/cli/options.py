@@ -226,12 +226,12 @@ EveryFrame = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
 Files = Annotated[
-    str | None,
+    list[str] | None,
     typer.Option(
         "--files",
         metavar="NAME,...",
-        help="Files to write, such as report.html,frames.csv. Zones, their history and the summary are "
-        "always written. Default: all.",
+        help="Files to write, such as report.html,frames.csv; may be repeated. Zones, their history and the "
+        "summary are always written. Default: all.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]

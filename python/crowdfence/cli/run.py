@@ -63,7 +63,7 @@ def run(
     from crowdfence.sources.layers import CROWD, LANDING_SITE, checked_layer
     from crowdfence.zones.sites import require_takes_back
 
-    named = None if files is None else files.split(",")
+    named = ",".join(files).split(",") if files else None
     layer = checked_layer(chosen["layer"])
     if layer != CROWD:
         refuse_zone_options(context, layer)
