@@ -587,6 +587,12 @@ def test_a_second_camera_of_the_same_name_has_its_own_lens(tmp_path: Path) -> No
     assert wide.frames[0].camera.fx == pytest.approx(12.29 / 17.3 * 320)
     tele = open_recording(taken(tmp_path / "z.jpg", model="M3E", focal_mm=29.9, focal_mm35=162))
     assert tele.frames[0].camera.fx == pytest.approx(162.0 / np.hypot(36.0, 24.0) * 400.0)
+    # Zoomed, it is not before the sensor of the wide one either, 2.7 times too wide, whatever is counted.
+    for film_mm in (162, 324):
+        zoom = {"focal_mm": 29.9, "focal_mm35": film_mm, "digital_zoom": 2.0}
+        found = open_recording(taken(tmp_path / f"{film_mm}.jpg", model="M3E", **zoom))
+        (refusal,) = found.refused
+        assert "digital zoom of 2, and makers differ" in refusal.reason and not found.frames
 
 
 @pytest.mark.parametrize(

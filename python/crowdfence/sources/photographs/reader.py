@@ -383,16 +383,24 @@ def _estimate(tags: PhotographTags) -> EstimatedCamera | None:
     told = tags.focal_35mm
     if by_sensor is None:
         if _zoomed(tags):
-            raise ValueError(
-                f"it was taken with a digital zoom of {tags.digital_zoom:g}, and makers differ in whether "
-                "the focal length on 35 mm film counts that: give --calibration, of this zoom"
-            )
+            raise _unknown_zoom(tags)
         return camera_from_35mm(tags.width, tags.height, told, film=False) if told else None
-    if _zoomed(tags) or told is None or not is_of_a_lens(told):
+    if told is None or not is_of_a_lens(told):
         return by_sensor
     by_film = camera_from_35mm(tags.width, tags.height, told, film=False)
     # A drone with several cameras may call all of them by the name of one.
-    return by_sensor if _agree(by_sensor.camera, by_film.camera) else by_film
+    if any(_agree(by_sensor.camera, by_film.camera, zoom) for zoom in (1.0, tags.digital_zoom)):
+        return by_sensor
+    if _zoomed(tags):
+        raise _unknown_zoom(tags)
+    return by_film
+
+
+def _unknown_zoom(tags: PhotographTags) -> ValueError:
+    return ValueError(
+        f"it was taken with a digital zoom of {tags.digital_zoom:g}, and makers differ in whether the focal "
+        "length on 35 mm film counts that: give --calibration, of this zoom"
+    )
 
 
 def _by_sensor(tags: PhotographTags) -> EstimatedCamera | None:
@@ -402,9 +410,10 @@ def _by_sensor(tags: PhotographTags) -> EstimatedCamera | None:
     return camera_from_sensor(tags.width, tags.height, tags.focal_mm * tags.digital_zoom, tags.model)
 
 
-def _agree(calibrated: Camera, estimated: Camera) -> bool:
-    """Estimates are some percent off; a picture that was shrunk or cut afterwards is off by more."""
-    return abs(calibrated.fx / estimated.fx - 1.0) <= _MOST_APART
+def _agree(calibrated: Camera, estimated: Camera, zoom: float = 1.0) -> bool:
+    """Estimates are some percent off; a picture that was shrunk or cut afterwards is off by more. `zoom`:
+    what the estimate does not count."""
+    return abs(calibrated.fx / (estimated.fx * zoom) - 1.0) <= _MOST_APART
 
 
 def _by_dewarp_data(tags: PhotographTags) -> Camera | None:
