@@ -119,6 +119,12 @@ def longitude_latitude(
     return np.column_stack([longitude, latitude])
 
 
+def geoid_height_m(latitude_deg: float, longitude_deg: float) -> float:
+    """How high mean sea level (EGM96) lies above the ellipsoid at a place. ValueError where PROJ has no grid
+    of it."""
+    return Georeference.from_projected("EPSG:4326+5773", longitude_deg, latitude_deg, 0.0).height_m
+
+
 def on_earth(latitude_deg: float, longitude_deg: float) -> bool:
     """Whether they are a latitude and a longitude; NaN is neither."""
     return abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0

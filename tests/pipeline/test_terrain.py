@@ -30,6 +30,7 @@ from crowdfence.exports.octomap import write_terrain_octomap
 from crowdfence.georeference import Georeference
 from crowdfence.octomap_frame import annotated, described
 from crowdfence.pipeline import open_terrain
+from crowdfence.sources.recording import GroundContact
 from support.onnx_models import contract, write_map_model, write_pixel_people_model
 from support.small_recordings import EPOCH_NS
 from support.wgs84_by_hand import ground_point
@@ -318,10 +319,45 @@ def test_a_map_without_a_place_below_a_flight_that_has_one_is_told(tmp_path: Pat
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         open_terrain(source, mesh, origin=(0.0, 0.0, 0.0))  # who says so knows
-        open_terrain(source, write_dem(tmp_path / "dem.tif"))
+        open_terrain(source, write_dem(tmp_path / "dem.tif"), height_offset_m=0.0)
         came_along = replace(source, terrain=local)
         open_terrain(came_along)
         open_terrain(came_along, local)
+
+
+@pytest.mark.parametrize(
+    ("sea_m", "said"),
+    [
+        (47.3, r"sea, 47 m above there, .*: say height_offset_m=47\.3, or 0 where"),
+        (-60.0, r"sea, 60 m below there, .*: say height_offset_m=-60\.0, or 0 where"),
+        (None, "sea, up to 100 m off there, .*: say height_offset_m=METRES, how high the sea"),
+    ],
+)
+def test_a_map_that_names_no_geoid_is_told_where_heights_of_poses_are_absolute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sea_m: float | None, said: str
+) -> None:
+    """Most count from the sea without saying so: cameras 50 m above the ground were taken to be 97 m above it
+    where the sea lies 47 m above the ellipsoid, and no word was said."""
+
+    def geoid_height_m(*place: float) -> float:
+        assert place == ORIGIN[:2]
+        if sea_m is None:
+            raise ValueError("no grid")
+        return sea_m
+
+    monkeypatch.setattr("crowdfence.pipeline.terrain.geoid_height_m", geoid_height_m)
+    keys = ("latitude_deg", "longitude_deg", "height_m")
+    folder = write_recording(tmp_path / "knowing", georeference=dict(zip(keys, ORIGIN, strict=True)))
+    source, dem = open_recording(folder), write_dem(tmp_path / "dem.tif")
+    with pytest.warns(UserWarning, match=rf"dem\.tif names no geoid .* the ellipsoid\. .*{said}"):
+        open_terrain(source, dem)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        open_terrain(source, dem, height_offset_m=0.0)
+        open_terrain(source, dem, crs="EPSG:4979")  # heights above the ellipsoid
+        open_terrain(replace(source, terrain=dem))  # who put it there knew
+        take_off = GroundContact((10.0, 10.0, 0.0), "as stated")
+        open_terrain(replace(source, ground_contacts={"uav1": take_off}), dem)
 
 
 def test_a_map_without_a_place_that_was_put_into_the_file_is_still_told(tmp_path: Path) -> None:

@@ -188,14 +188,14 @@ def _check_options(path: Path | None, map_options: dict[str, Any]) -> None:
 def _on_map(
     source: Recording, terrain: Path, map_options: dict[str, Any]
 ) -> tuple[Recording, tuple[str, ...]]:
-    """With heights that waited for the map, and what is doubtful about that. That nobody knows where the map
-    lies goes with the file, in which it will have come with the recording."""
+    """With heights that waited for the map, and what is doubtful about that. What nobody said of where the
+    map lies goes with the file, in which it will have come with the recording."""
     from crowdfence.pipeline import read_map
-    from crowdfence.pipeline.terrain import place_doubts
+    from crowdfence.pipeline.terrain import relation_doubts
     from crowdfence.sources.ground_contact import on_ground
 
-    of_place = () if "origin" in map_options else place_doubts(terrain, source)
-    known = replace(source, warnings=(*source.warnings, *of_place))
+    unsaid = relation_doubts(terrain, source, source.georeference, map_options)
+    known = replace(source, warnings=(*source.warnings, *unsaid))
     if not source.ground_contacts:
         return known, ()
     ground = read_map(source, terrain, **map_options)

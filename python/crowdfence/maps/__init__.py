@@ -31,6 +31,7 @@ __all__ = [
     "MapHoles",
     "MapReading",
     "check_options",
+    "leaves_geoid_open",
     "open_terrain",
     "read_map",
     "stated_place",
@@ -172,6 +173,20 @@ def stated_place(path: str | PathLike[str], *, crs: str | int | CRS | None = Non
         if suffix in (".ply", ".obj"):
             return "local"
         return "earth" if crs is not None or _stated_crs(suffix, path) is not None else "unstated"
+
+
+def leaves_geoid_open(path: str | PathLike[str], *, crs: str | int | CRS | None = None) -> bool:
+    """Whether heights of a map count from the ellipsoid because its reference system (`crs` states another)
+    names nothing else; not for maps without one. Only its header is read. MapError as for `read_map`."""
+    from crowdfence.maps.source_frame import stated_crs
+
+    path = Path(path)
+    suffix = _suffix(path)
+    if suffix not in (".tif", ".tiff", ".las", ".laz"):
+        return False
+    with _naming(path):
+        found = _stated_crs(suffix, path) if crs is None else stated_crs(crs)
+    return found is not None and len(found.axis_info) < 3
 
 
 def _stated_crs(suffix: str, path: Path) -> CRS | None:

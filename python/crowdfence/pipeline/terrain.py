@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Terrain
 from crowdfence.errors import quoted
-from crowdfence.georeference import Georeference
-from crowdfence.maps import MapError, MapReading, stated_place, told
+from crowdfence.georeference import Georeference, geoid_height_m
+from crowdfence.maps import MapError, MapReading, leaves_geoid_open, stated_place, told
 from crowdfence.maps import read_map as read_map_file
 from crowdfence.sources.recording import Recording
 
@@ -86,7 +86,7 @@ def read_map(
         options = {**recording.terrain_options, **options}
     anchor = _anchor(recording, georeference)
     reading = _related(Path(chosen), f"the recording {recording.name}", anchor, assume_local, options)
-    doubts = () if "origin" in options else place_doubts(Path(chosen), recording)
+    doubts = relation_doubts(Path(chosen), recording, anchor, options)
     return replace(reading, doubts=(*reading.doubts, *doubts))
 
 
@@ -150,18 +150,51 @@ def came_along(path: Path, recording: Recording) -> bool:
     return recording.terrain is not None and path.resolve() == recording.terrain.resolve()
 
 
-def place_doubts(path: Path, recording: Recording) -> tuple[str, ...]:
-    """One sentence where a map in a frame that nobody placed is put below a recording that is on Earth. The
-    anchor of most is their first position, which no map of others counts from; the map that came with a
-    recording does."""
-    at = recording.georeference
-    if at is None or came_along(path, recording) or stated_place(path) != "local":
+def relation_doubts(
+    path: Path, recording: Recording, anchor: Georeference | None, options: dict[str, Any]
+) -> tuple[str, ...]:
+    """What nobody said of how a map lies to a recording on Earth, one sentence each; nothing of the map that
+    came with it. `anchor` is that of the recording, also where the caller gives it."""
+    if anchor is None or came_along(path, recording):
         return ()
+    doubts = (_place_doubt(path, recording, options), _level_doubt(path, recording, anchor, options))
+    return tuple(doubt for doubt in doubts if doubt is not None)
+
+
+def _place_doubt(path: Path, recording: Recording, options: dict[str, Any]) -> str | None:
+    """For a map in a frame that nobody placed. The anchor of most recordings is their first position, which
+    no map of others counts from."""
+    at = recording.georeference
+    if at is None or "origin" in options or stated_place(path) != "local":
+        return None
     return (
         f"{path.name} does not say where on Earth it lies: its (0, 0, 0) is taken to be that of the "
         f"recording, {at.latitude_deg:.7f}, {at.longitude_deg:.7f}, {at.height_m:g} m above the ellipsoid. "
         "If it is elsewhere, all zones are in the wrong place: say where it is from there, in metres, with "
-        "--terrain-option origin=[EAST,NORTH,UP]",
+        "--terrain-option origin=[EAST,NORTH,UP]"
+    )
+
+
+def _level_doubt(
+    path: Path, recording: Recording, anchor: Georeference, options: dict[str, Any]
+) -> str | None:
+    """For a map whose heights count from nothing that it names. Poses whose heights count from its ground
+    are the same above any."""
+    on_its_ground = set(recording.drones) <= recording.ground_contacts.keys()
+    if on_its_ground or options.get("height_offset_m") is not None:
+        return None
+    if not leaves_geoid_open(path, crs=options.get("crs")):
+        return None
+    try:
+        sea_m = geoid_height_m(anchor.latitude_deg, anchor.longitude_deg)
+        apart, offset = f"{abs(sea_m):.0f} m {'above' if sea_m > 0 else 'below'}", f"{sea_m:.1f}"
+    except ValueError:
+        apart, offset = "up to 100 m off", "METRES, how high the sea lies above the ellipsoid there"
+    return (
+        f"{path.name} names no geoid that its heights count from: they are taken as above the ellipsoid. "
+        f"Most height models count from the sea, {apart} there, and cameras are too high or too low above "
+        f"them by that: say height_offset_m={offset}, or 0 where they do count from the "
+        "ellipsoid"
     )
 
 

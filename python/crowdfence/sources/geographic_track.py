@@ -15,13 +15,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.georeference import Georeference, on_earth
+from crowdfence.georeference import Georeference, geoid_height_m, on_earth
 from crowdfence.sources.axes import optical_quaternions_enu
 from crowdfence.sources.pose_track import PoseTrack, track_from_rows
 from crowdfence.sources.recording import GroundContact
 
 HeightsAbove = Literal["ellipsoid", "sea", "take-off", "ground"]
-_GEOID = "EPSG:4326+5773"
 _GEOID_BOUNDS_M = (-110.0, 90.0)
 """EGM96 lies between -107 m south of India and 86 m in New Guinea."""
 DJI_SEA_LEVEL = (
@@ -217,7 +216,7 @@ def _undulation_m(latitude_deg: float, longitude_deg: float, given_m: float | No
     if given_m is not None:
         return given_m
     try:
-        return Georeference.from_projected(_GEOID, longitude_deg, latitude_deg, 0.0).height_m
+        return geoid_height_m(latitude_deg, longitude_deg)
     except ValueError as error:
         raise ValueError(
             "heights above sea level need the geoid (EGM96), whose grid PROJ has not installed: install it "
