@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -107,3 +108,33 @@ def test_photographs_that_tell_no_zone_are_said_to_be_taken_as_utc(tmp_path: Pat
         "X1: its photographs do not say their time zone: their times, and with them those of the zones, are "
         "taken as UTC"
     )
+
+
+@pytest.mark.parametrize(
+    ("clock", "zone", "told"),
+    [
+        (NOON, "+02:00", None),  # ten o'clock by both
+        ("2026:06:01 12:04:00", "+02:00", None),  # no clock is exact
+        (NOON, "+01:00", "are 60 min later by it than by its receiver"),  # summer time was forgotten
+        ("2026:06:01 10:20:00", "+02:00", "are 100 min earlier by it than by its receiver"),
+        # 46 years and 151 days, 16 953, and ten hours.
+        ("1980:01:01 00:00:00", None, r"are 16953\.4 days earlier by it than by its receiver"),
+    ],
+)
+def test_a_clock_that_is_not_the_receiver_s_is_told(
+    tmp_path: Path, clock: str, zone: str | None, told: str | None
+) -> None:
+    """The stamps of a clock that had forgotten its date were in 1980, and the zones with them."""
+    for number in range(3):
+        photograph(tmp_path, number, (10, 0, number))
+        path = tmp_path / f"{number}.JPG"
+        with Image.open(path) as picture:
+            exif, packet = picture.getexif(), picture.info["xmp"]
+            more = exif.get_ifd(ExifTags.IFD.Exif)
+            more[ExifTags.Base.DateTimeOriginal] = clock[:-1] + str(number)
+            if zone is not None:
+                more[ExifTags.Base.OffsetTimeOriginal] = zone
+            picture.save(path, "JPEG", exif=exif, xmp=packet)
+    said = [one for one in open_recording(tmp_path).warnings if "by its receiver" in one]
+    assert len(said) == (told is not None)
+    assert told is None or re.search(told, said[0])

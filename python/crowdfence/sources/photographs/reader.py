@@ -7,6 +7,7 @@ attitude of their camera are refused one by one, and so are thermal ones beside 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,7 +37,7 @@ from crowdfence.sources.lens.focal_length import (
 )
 from crowdfence.sources.photographs.tags import PhotographTags, read_tags
 from crowdfence.sources.photographs.take_offs import take_off_doubt
-from crowdfence.sources.photographs.when_taken import WhenTaken
+from crowdfence.sources.photographs.when_taken import WhenTaken, clock_doubt
 from crowdfence.sources.pictures.decoding import UPRIGHT, turned_fault
 from crowdfence.sources.pictures.files import is_file_or_lost
 from crowdfence.sources.pictures.left_out import left_out
@@ -98,7 +99,10 @@ def read_photographs(
     for drone, group in groups.items():
         usable = _placeable(drone, group, options, refused, only_thermal)
         if usable:
-            by_drone[drone] = _in_time(drone, _in_utc(drone, usable, remarks), remarks)
+            in_utc = _in_utc(drone, usable, remarks)
+            if doubt := clock_doubt([*_ahead_of_receiver_s(in_utc)]):
+                remarks.append(f"{drone}: {doubt}")
+            by_drone[drone] = _in_time(drone, in_utc, remarks)
     if not by_drone:
         why = f": {refused[0].reason}" if refused else ""
         raise ValueError(f"{path}: no photograph can be placed on a map, the first{why}")
@@ -224,6 +228,12 @@ def _in_utc(drone: str, group: list[_Photograph], remarks: list[str]) -> list[_P
         return group
     ((zone_s, _),) = zones.most_common(1)
     return [replace(one, taken=one.taken.in_zone(zone_s)) for one in group]
+
+
+def _ahead_of_receiver_s(group: list[_Photograph]) -> Iterator[float]:
+    for one in group:
+        if one.tags.received is not None:
+            yield one.stamp_ns / 1e9 - one.tags.received.timestamp()
 
 
 def _in_time(drone: str, group: list[_Photograph], remarks: list[str]) -> list[_Photograph]:

@@ -24,6 +24,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ from PIL import ExifTags, Image
 from crowdfence.georeference import on_earth
 from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.photographs.exif_text import exif_text
-from crowdfence.sources.photographs.when_taken import WhenTaken, when_taken
+from crowdfence.sources.photographs.when_taken import WhenTaken, received, when_taken
 from crowdfence.sources.pictures.decoding import orientation
 from crowdfence.sources.pictures.thermal import is_named_thermal, is_thermal
 from crowdfence.sources.rotation import are_degrees, from_yaw_pitch_roll_deg, multiply
@@ -81,6 +82,8 @@ class PhotographTags:
     size_taken: tuple[int, int] | None
     """Width and height as the camera wrote them: another program may have cut or shrunk the picture since."""
     taken: WhenTaken | None
+    received: datetime | None
+    """The receiver's time, UTC."""
     make: str
     model: str
     serial: str
@@ -134,6 +137,7 @@ def read_tags(path: Path) -> PhotographTags:
         height=height,
         size_taken=_size(more),
         taken=when_taken(exif, more, gps, xmp),
+        received=received(gps),
         make=make,
         model=model,
         serial=exif_text(more.get(ExifTags.Base.BodySerialNumber))

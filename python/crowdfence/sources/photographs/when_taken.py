@@ -8,11 +8,12 @@ surveys say UTC itself in XMP, to the microsecond: 2026-01-01T12:00:00.123456, o
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from typing import Any
 
+import numpy as np
 from PIL import ExifTags
 
 from crowdfence.sources.photographs.exif_text import exif_text
@@ -57,12 +58,12 @@ def when_taken(
     if clock is None:
         return None
     fraction = exif_text(more.get(ExifTags.Base.SubsecTimeOriginal))
-    told = fraction.isascii() and fraction.isdecimal()
-    as_utc = WhenTaken(_stamp_ns(clock, fraction if told else ""), None, not fraction)
+    digits = fraction if fraction.isascii() and fraction.isdecimal() else ""
+    as_utc = WhenTaken(_stamp_ns(clock, digits), None, not fraction)
     zone_s = _stated_zone_s(clock, exif_text(more.get(ExifTags.Base.OffsetTimeOriginal)))
     if zone_s is None:
-        received = _received(gps)
-        zone_s = None if received is None else _zone_s(clock, received)
+        told = received(gps)
+        zone_s = None if told is None else _zone_s(clock, told)
     return as_utc if zone_s is None else as_utc.in_zone(zone_s)
 
 
@@ -87,8 +88,30 @@ def _stated_zone_s(clock: datetime, zone: str) -> int | None:
     return None if offset is None else round(offset.total_seconds())
 
 
-def _received(gps: Mapping[int, Any]) -> datetime | None:
-    """Date and time of the receiver."""
+def clock_doubt(ahead_s: Sequence[float]) -> str | None:
+    """What to tell of photographs whose stamps are so far ahead of what the receiver of each told, as the end
+    of a sentence that begins with whose they are; None where most agree."""
+    off_s = float(np.median(ahead_s)) if len(ahead_s) else 0.0
+    if abs(off_s) <= _STALE_S:
+        return None
+    return (
+        f"its photographs count by its camera's clock, and are {_length(abs(off_s))} "
+        f"{'later' if off_s > 0 else 'earlier'} by it than by its receiver (GPSDateStamp, GPSTimeStamp): "
+        "unless that keeps the time of a fix of long ago, so far off are the times of the zones, and "
+        "what other drones saw counts as so much newer or older; set the dates of the photographs right "
+        "(exiftool -AllDates+=...)"
+    )
+
+
+def _length(seconds: float) -> str:
+    for unit_s, unit in ((86_400.0, "days"), (3600.0, "h")):
+        if seconds >= 2 * unit_s:
+            return f"{seconds / unit_s:.1f} {unit}"
+    return f"{seconds / 60.0:.0f} min"
+
+
+def received(gps: Mapping[int, Any]) -> datetime | None:
+    """Date and time of the receiver, UTC."""
     day = _utc(exif_text(gps.get(ExifTags.GPS.GPSDateStamp)), "%Y:%m:%d")
     try:
         hours, minutes, seconds = (float(part) for part in gps[ExifTags.GPS.GPSTimeStamp])
