@@ -442,6 +442,22 @@ def test_two_flights_from_different_heights_in_one_folder(
     assert not any("take-offs lie" in warning for warning in found.warnings)
 
 
+@pytest.mark.parametrize(("higher_m", "told"), [(40.0, True), (3.0, False)])
+def test_two_drones_of_one_name_that_took_off_at_different_heights(
+    tmp_path: Path, higher_m: float, told: bool
+) -> None:
+    """Without serial numbers they are one, and all that the one saw was put as if 40 m lower."""
+    for number in range(8):
+        other = number % 2
+        angles = dji((10.0, -60.0, 0.0), 'drone-dji:RelativeAltitude="+20.0"')
+        place = 46.5 + 5e-4 * other, 8.0 + 1e-5 * number, 520.0 + higher_m * other
+        stamp_ns, image = (10**9 + 2 * number) * 10**9, frames()[number % 4].image()
+        write_photograph(tmp_path / f"{number}.jpg", image, stamp_ns, place, angles, focal_mm35=24)
+    said = [one for one in open_recording(tmp_path).warnings if "of drones whose take-offs lie" in one]
+    assert bool(said) == told
+    assert not told or "lie 40 m apart in height" in said[0]
+
+
 def test_a_photograph_that_asks_to_be_turned_is_refused(tmp_path: Path) -> None:
     """Whether the attitude means the stored picture or the shown one, nobody can know."""
     folder = write_photographs(tmp_path / "flight", dji)
