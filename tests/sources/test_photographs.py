@@ -528,6 +528,18 @@ def calibrated(tmp_path: Path, flag: str, focal_mm35: float | None, *, shrunk: i
     return open_recording(folder)
 
 
+def test_the_photograph_of_a_fisheye_needs_a_calibration(tmp_path: Path) -> None:
+    """By a focal length alone its rays would be those of a lens that keeps lines straight: 45 degrees off the
+    middle a fisheye of 200 px shows what lies at 157 px, which were taken for 38 degrees."""
+    path = taken(tmp_path / "a.jpg", focal_mm35=24, xmp='Camera:ModelType="fisheye"')
+    (refusal,) = open_recording(path).refused
+    assert "its lens is a fisheye's (Camera:ModelType)" in refusal.reason
+    calibration = Camera.fisheye(320, 240, 200.0, 200.0, 160.0, 120.0, [0.0] * 4)
+    assert open_recording(path, calibration=calibration).frames[0].camera.model == "kannala_brandt"
+    straight = taken(tmp_path / "b.jpg", focal_mm35=24, xmp='Camera:ModelType="perspective"')
+    assert len(open_recording(straight).frames) == 1
+
+
 def test_a_photograph_that_the_drone_has_undistorted_is_not_undistorted_again(tmp_path: Path) -> None:
     """DewarpFlag (DJI's manuals): 0 not dewarped, 1 dewarped."""
     for flag in ("", 'drone-dji:DewarpFlag="0" '):

@@ -346,6 +346,11 @@ def _focal_35mm(tags: PhotographTags) -> float | None:
 
 
 def _camera(tags: PhotographTags) -> tuple[Camera, str]:
+    if tags.fisheye:
+        raise ValueError(
+            "its lens is a fisheye's (Camera:ModelType), which bends lines and has no one focal length: give "
+            "--calibration, of kind equidistant"
+        )
     whole = _shown_of_it(tags) == 1.0
     camera = _by_dewarp_data(tags) if tags.dewarp and not _zoomed(tags) else None
     try:

@@ -100,6 +100,8 @@ class PhotographTags:
     focal_35mm: float | None
     digital_zoom: float
     """1 = none; EXIF does not say whether makers count it into the focal lengths."""
+    fisheye: bool
+    """Whether it calls its lens one."""
     dewarp: str | None
     """DJI's own calibration: date;fx,fy,cx,cy,k1,k2,p1,p2,k3, cx and cy from the middle."""
     dewarped: bool
@@ -151,6 +153,7 @@ def read_tags(path: Path) -> PhotographTags:
         focal_mm=_number(more.get(ExifTags.Base.FocalLength)),
         focal_35mm=_number(more.get(ExifTags.Base.FocalLengthIn35mmFilm)),
         digital_zoom=max(_number(more.get(ExifTags.Base.DigitalZoomRatio)) or 1.0, 1.0),
+        fisheye=xmp.get("Camera:ModelType", "").lower() == "fisheye",
         dewarp=xmp.get("drone-dji:DewarpData"),
         dewarped=xmp.get("drone-dji:DewarpFlag") == "1",
         orientation=turned,

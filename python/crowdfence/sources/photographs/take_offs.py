@@ -1,7 +1,7 @@
 """Whether photographs of several flights, with take-offs at different heights, lie in one folder.
 
-Heights above the take-off begin anew with every battery, and of two drones without serial numbers each has its
-own. The absolute ones, less exact, are of all.
+Heights above the take-off begin anew with every battery, and of two drones without serial numbers each has
+its own. The absolute ones, less exact, are of all.
 """
 
 from __future__ import annotations
