@@ -795,6 +795,15 @@ def test_the_sea_on_both_sides_of_the_antimeridian_is_that_of_the_zone(
 
 
 @pytest.mark.usefixtures("geoid_grid")
+def test_the_home_of_a_plan_lies_above_the_sea() -> None:
+    """The anchor, 1200 m above the ellipsoid, where the sea is at 50 m. Where the grid ends nobody knows."""
+    home = json.loads(qgc_plan(exported()))["mission"]["plannedHomePosition"]
+    assert home == [46.5, 8.0, pytest.approx(1150.0, abs=1e-4)]
+    elsewhere = json.loads(qgc_plan(exported(anchor=(46.5, 20.0, 1200.0))))["mission"]
+    assert elsewhere["plannedHomePosition"] == [46.5, 20.0, None]
+
+
+@pytest.mark.usefixtures("geoid_grid")
 def test_a_place_that_the_grid_does_not_hold_is_refused() -> None:
     with pytest.raises(ValueError, match=r"no height of the geoid at 46\.4, 20;"):
         geoid_heights_m(np.array([20.0, 46.4, 20.1, 46.5]))

@@ -16,6 +16,7 @@ from crowdfence.errors import quoted
 from crowdfence.exports.geographic_circle import geographic_circle
 from crowdfence.exports.ground_of_shapes import GroundOfShapes
 from crowdfence.exports.zone_formats.zone_export import SOFTWARE, ZoneExport
+from crowdfence.georeference import Georeference, geoid_height_m
 from crowdfence.zones.capacity import Circle, Fence, fitted
 
 PLAN_VERSION = 1
@@ -81,7 +82,6 @@ def _checked(plan: dict[str, Any]) -> dict[str, Any]:
 
 
 def _empty_plan(export: ZoneExport) -> dict[str, Any]:
-    home = export.georeference
     return {
         "fileType": "Plan",
         "groundStation": SOFTWARE,
@@ -96,9 +96,19 @@ def _empty_plan(export: ZoneExport) -> dict[str, Any]:
             "cruiseSpeed": 15,
             "hoverSpeed": 5,
             "items": [],
-            "plannedHomePosition": [home.latitude_deg, home.longitude_deg, home.height_m],
+            "plannedHomePosition": _home(export.georeference),
         },
     }
+
+
+def _home(anchor: Georeference) -> list[float | None]:
+    """Its height counts from the sea. Where nobody knows how high that lies it is left open, which
+    QGroundControl takes for unknown; it puts a home onto its own terrain."""
+    try:
+        sea_m = geoid_height_m(anchor.latitude_deg, anchor.longitude_deg)
+    except ValueError:
+        return [anchor.latitude_deg, anchor.longitude_deg, None]
+    return [anchor.latitude_deg, anchor.longitude_deg, anchor.height_m - sea_m]
 
 
 def _polygon(polygon: Any, export: ZoneExport, ground: GroundOfShapes) -> dict[str, Any]:
