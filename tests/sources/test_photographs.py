@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -371,6 +372,56 @@ def test_a_place_in_another_datum_is_not_taken_for_one_in_wgs84(
     xmp = dji((0.0, -60.0, 0.0), exact)
     write_photograph(tmp_path / "a.JPG", first.image(), first.stamp_ns, place, xmp, datum=datum)
     assert read_tags(tmp_path / "a.JPG").other_datum == ""  # XMP is in WGS84
+
+
+def with_gps(path: Path, tags: dict[int, Any]) -> Path:
+    with Image.open(path) as picture:
+        exif, packet = picture.getexif(), picture.info["xmp"]
+        exif.get_ifd(ExifTags.IFD.GPSInfo).update(tags)
+        picture.save(path, "JPEG", exif=exif, xmp=packet)
+    return path
+
+
+def test_places_of_exif_and_xmp_that_are_apart_are_told(tmp_path: Path) -> None:
+    """A degree of latitude is 111.2 km on a sphere of 6371 km: 4e-5 of it are 4.4 m."""
+    for number, north in enumerate((0.0, 4e-5, 1e-5)):
+        place = f'drone-dji:GpsLatitude="{46.5 + north:.7f}" drone-dji:GpsLongitude="8.0"'
+        taken(tmp_path / f"{number}.jpg", focal_mm35=24, xmp=place)
+    (said,) = [one for one in open_recording(tmp_path).warnings if "EXIF and XMP" in one]
+    assert "EXIF and XMP of 1 of 3 photographs tell places up to 4.4 m apart" in said
+
+
+@pytest.mark.parametrize(
+    ("tags", "xmp", "told"),
+    [
+        ({ExifTags.GPS.GPSStatus: "A", ExifTags.GPS.GPSMeasureMode: "3"}, "", None),
+        (
+            {ExifTags.GPS.GPSStatus: "V"},
+            "",
+            r"1 of 2 photographs were taken without a fix .* \(GPSStatus V\)",
+        ),
+        ({ExifTags.GPS.GPSMeasureMode: "2"}, "", r"1 of 2 .* without a fix .* \(GPSMeasureMode 2\)"),
+        (
+            {ExifTags.GPS.GPSHPositioningError: 12.0},
+            "",
+            "places of 1 of 2 photographs are uncertain by up to 12 m",
+        ),
+        (
+            {},
+            'drone-dji:RtkStdLat="3.1" drone-dji:RtkStdLon="15.2"',
+            "1 of 2 photographs are uncertain by up to 15 m",
+        ),
+        ({}, 'drone-dji:RtkStdLat="0.02" drone-dji:RtkStdLon="0.01"', None),
+    ],
+)
+def test_what_a_receiver_says_of_its_own_place_is_told(
+    tmp_path: Path, tags: dict[int, Any], xmp: str, told: str | None
+) -> None:
+    with_gps(taken(tmp_path / "a.jpg", focal_mm35=24, xmp=xmp), tags)
+    taken(tmp_path / "b.jpg", focal_mm35=24)
+    said = [one for one in open_recording(tmp_path).warnings if "1 of 2" in one]
+    assert len(said) == (told is not None)
+    assert told is None or re.search(told, said[0])
 
 
 def test_a_panorama_is_refused(tmp_path: Path) -> None:

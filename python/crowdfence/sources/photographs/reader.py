@@ -35,6 +35,7 @@ from crowdfence.sources.lens.focal_length import (
     is_of_a_lens,
     scaled_camera,
 )
+from crowdfence.sources.photographs.place_doubts import place_doubts
 from crowdfence.sources.photographs.tags import PhotographTags, read_tags
 from crowdfence.sources.photographs.take_offs import take_off_doubt
 from crowdfence.sources.photographs.when_taken import WhenTaken, clock_doubt
@@ -102,6 +103,7 @@ def read_photographs(
             in_utc = _in_utc(drone, usable, remarks)
             if doubt := clock_doubt([*_ahead_of_receiver_s(in_utc)]):
                 remarks.append(f"{drone}: {doubt}")
+            remarks += [f"{drone}: {doubt}" for doubt in place_doubts([one.tags for one in usable])]
             by_drone[drone] = _in_time(drone, in_utc, remarks)
     if not by_drone:
         why = f": {refused[0].reason}" if refused else ""

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from crowdfence.georeference import on_earth
+from crowdfence.great_circle import great_circle_m
 from crowdfence.sources.geographic_track import HeightsAbove
 from crowdfence.sources.photographs.exif_text import exif_text
 from crowdfence.sources.photographs.when_taken import WhenTaken, received, when_taken
@@ -69,6 +70,7 @@ _BACK_DEG = 30.0
 """Nor does a camera that is fixed to a drone, whatever its nose does."""
 _WGS84 = {"WGS84", "WGS1984", "CGCS2000", "ETRS89", "NAD83", "JGD2000", "JGD2011", "GDA94", "GDA2020"}
 """GPSMapDatum without signs and spaces: WGS84, and what lies within a metre or two of it."""
+_EARTH_M = 6_371_000.0
 _RTK_POSITION = 16
 """drone-dji:RtkFlag: 0 none, 16 a single receiver's, 32 to 49 float, 50 fixed."""
 
@@ -88,6 +90,12 @@ class PhotographTags:
     model: str
     serial: str
     place: tuple[float, float] | None
+    place_apart_m: float
+    """How far from there EXIF tells it, where XMP and EXIF both do."""
+    place_error_m: float | None
+    """A standard deviation, as the receiver estimated it."""
+    without_fix: str
+    """The tag that says so; empty where none does."""
     other_datum: str
     """That of the place, where it is told and none that lies as WGS84; empty otherwise."""
     heights_m: Mapping[HeightsAbove, float]
@@ -145,6 +153,9 @@ def read_tags(path: Path) -> PhotographTags:
         serial=exif_text(more.get(ExifTags.Base.BodySerialNumber))
         or xmp.get("drone-dji:DroneSerialNumber", ""),
         place=_place(gps, xmp),
+        place_apart_m=_apart_m(gps, xmp),
+        place_error_m=_place_error_m(gps, xmp),
+        without_fix=_without_fix(gps),
         other_datum="" if _place({}, xmp) else _other_datum(exif_text(gps.get(ExifTags.GPS.GPSMapDatum))),
         heights_m=_heights(gps, xmp, model, more.get(ExifTags.Base.ExifVersion)),
         attitude_ned=_attitude(xmp, head, make),
@@ -257,6 +268,27 @@ def _place(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> tuple[float, float
     latitude = _degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef), "NS")
     longitude = _degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef), "EW")
     return (latitude, longitude) if _is_place(latitude, longitude) else None  # type: ignore[return-value]
+
+
+def _apart_m(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> float:
+    by_xmp, by_exif = _place({}, xmp), _place(gps, {})
+    if by_xmp is None or by_exif is None or _other_datum(exif_text(gps.get(ExifTags.GPS.GPSMapDatum))):
+        return 0.0
+    (latitude, longitude), middle = by_exif, (by_xmp[1], by_xmp[0])
+    return float(great_circle_m(middle, np.array([longitude]), np.array([latitude]), _EARTH_M)[0])
+
+
+def _place_error_m(gps: Mapping[int, Any], xmp: Mapping[str, str]) -> float | None:
+    told = [_number(xmp.get(f"drone-dji:RtkStd{side}")) for side in ("Lat", "Lon")]
+    told.append(_number(gps.get(ExifTags.GPS.GPSHPositioningError)))
+    return max((value for value in told if value is not None), default=None)
+
+
+def _without_fix(gps: Mapping[int, Any]) -> str:
+    if exif_text(gps.get(ExifTags.GPS.GPSStatus)).upper() == "V":
+        return "GPSStatus V"
+    # By three satellites a receiver knows its place as far as it knows its height.
+    return "GPSMeasureMode 2" if exif_text(gps.get(ExifTags.GPS.GPSMeasureMode)) == "2" else ""
 
 
 def _other_datum(name: str) -> str:
