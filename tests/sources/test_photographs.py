@@ -12,7 +12,7 @@ import pytest
 from PIL import ExifTags, Image
 from scipy.spatial.transform import Rotation
 
-from crowdfence import Camera, Recording, open_recording
+from crowdfence import Camera, Recording, Terrain, open_recording
 from crowdfence.sources.ground_contact import on_ground
 from crowdfence.sources.photographs.tags import _place, read_tags
 from support.foreign_recordings import (
@@ -243,6 +243,24 @@ def test_a_flight_gives_the_zones_of_the_mission(tmp_path: Path) -> None:
         # Heights in centimetres above a start whose ground is a cell of the map.
         assert np.linalg.norm(at - theirs.world_from_camera[:3, 3]) < 0.5
     assert beyond(closed(settled, terrain), closed(reference()), 1.0) < 0.05
+
+
+def test_heights_above_the_ground_below_are_settled_on_the_map(tmp_path: Path) -> None:
+    """Of each photograph by itself: 25.5 m above a terrace, and above the next one, 30 m higher. At 46.5
+    degrees 4e-4 degrees of longitude are 30.7 m."""
+    for number in range(2):
+        xmp = pix4d((10.0, -80.0, 0.0), 'Camera:AboveGroundAltitude="51/2"')
+        path, image = tmp_path / f"{number}.jpg", frames()[number].image()
+        place = 46.5, 8.0 + 4e-4 * number, 500.0
+        write_photograph(path, image, (10**9 + number) * 10**9, place, xmp, focal_mm35=24)
+    terraces = np.full((100, 100), 100.0, np.float32)  # [x, y]
+    terraces[65:] = 130.0
+    terrain = Terrain.from_height_map(terraces, 1.0, origin=(-50.0, -50.0, 0.0))
+    found = on_ground(open_recording(tmp_path, heights="ground"), terrain)
+    assert [frame.world_from_camera[2, 3] for frame in found.frames] == pytest.approx(
+        [125.5, 155.5], abs=0.01
+    )
+    assert any("heights are those above the ground below" in warning for warning in found.warnings)
 
 
 def test_what_a_photograph_lacks_refuses_it_alone(tmp_path: Path) -> None:

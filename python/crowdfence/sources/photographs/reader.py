@@ -47,7 +47,8 @@ from crowdfence.sources.place_camera import Limits, UnplacedFrame, place_cameras
 from crowdfence.sources.recording import PixelSources, Recording, RefusedFrame
 
 SUFFIXES = (".jpg", ".jpeg")
-_HEIGHTS: tuple[HeightsAbove, ...] = ("take-off", "ellipsoid", "sea")
+_ABSOLUTE: tuple[HeightsAbove, ...] = ("ellipsoid", "sea")
+_HEIGHTS: tuple[HeightsAbove, ...] = ("take-off", *_ABSOLUTE, "ground")
 """In the order in which they are preferred: without RTK a barometer is steadier than satellites."""
 _MOST_APART = 0.25
 """Of the focal lengths that a photograph is calibrated with and that EXIF tells."""
@@ -275,7 +276,7 @@ def _local_track(
 
 def _take_off_doubt(group: list[_Photograph]) -> str | None:
     heights = [one.tags.heights_m for one in group]
-    absolute = next((kind for kind in _HEIGHTS[1:] if all(kind in one for one in heights)), None)
+    absolute = next((kind for kind in _ABSOLUTE if all(kind in one for one in heights)), None)
     if absolute is None:
         return None
     above_m, absolute_m = ([one[kind] for one in heights] for kind in (_HEIGHTS[0], absolute))

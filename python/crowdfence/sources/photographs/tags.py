@@ -307,6 +307,7 @@ def _heights(
 ) -> dict[HeightsAbove, float]:
     heights: dict[HeightsAbove, float | None] = {}
     heights["take-off"] = _number(xmp.get("drone-dji:RelativeAltitude"))
+    heights["ground"] = _number(xmp.get("Camera:AboveGroundAltitude"))  # of pix4d
     absolute = _number(gps.get(ExifTags.GPS.GPSAltitude))
     marked = gps.get(ExifTags.GPS.GPSAltitudeRef)
     mark = marked[0] if isinstance(marked, bytes) and marked else marked
