@@ -245,6 +245,19 @@ def test_a_flight_gives_the_zones_of_the_mission(tmp_path: Path) -> None:
     assert beyond(closed(settled, terrain), closed(reference()), 1.0) < 0.05
 
 
+@pytest.mark.parametrize(("model", "told"), [("VT300-L_93", True), ("S2", False)])
+def test_heights_of_a_skydio_x10_are_doubted(tmp_path: Path, model: str, told: bool) -> None:
+    """By its "X10 RTK/PPK metadata overview" GPSAltitude is ellipsoidal, and marked as of the sea."""
+    path = tmp_path / "a.jpg"
+    xmp = skydio((10.0, -60.0, 0.0))
+    write_photograph(path, frames()[0].image(), 10**18, (46.5, 8.0, 500.0), xmp, model=model, focal_mm35=20)
+    found = open_recording(path, geoid_m=48.0)
+    assert any("if it had that, give --geoid-m 0" in warning for warning in found.warnings) == told
+    as_told = open_recording(path, geoid_m=0.0)
+    assert as_told.georeference is not None
+    assert as_told.georeference.height_m + as_told.frames[0].world_from_camera[2, 3] == pytest.approx(500.0)
+
+
 def test_heights_above_the_ground_below_are_settled_on_the_map(tmp_path: Path) -> None:
     """Of each photograph by itself: 25.5 m above a terrace, and above the next one, 30 m higher. At 46.5
     degrees 4e-4 degrees of longitude are 30.7 m."""

@@ -50,6 +50,12 @@ SUFFIXES = (".jpg", ".jpeg")
 _ABSOLUTE: tuple[HeightsAbove, ...] = ("ellipsoid", "sea")
 _HEIGHTS: tuple[HeightsAbove, ...] = ("take-off", *_ABSOLUTE, "ground")
 """In the order in which they are preferred: without RTK a barometer is steadier than satellites."""
+_SKYDIO_X10 = ("VT300", "V100")
+"""How names of its cameras begin."""
+_SKYDIO_HEIGHTS = (
+    "a Skydio X10 with its attachment for RTK and PPK tells heights above the ellipsoid, though EXIF calls "
+    "them above the sea: if it had that, give --geoid-m 0"
+)
 _MOST_APART = 0.25
 """Of the focal lengths that a photograph is calibrated with and that EXIF tells."""
 _SAME_SHAPE = 1.02
@@ -134,6 +140,8 @@ def read_photographs(
             )
         if placed.heights == "sea" and all(one.tags.by_dji for one in group):
             remarks.append(f"{drone}: {DJI_SEA_LEVEL}")
+        if placed.heights == "sea" and all(one.tags.model.startswith(_SKYDIO_X10) for one in group):
+            remarks.append(f"{drone}: {_SKYDIO_HEIGHTS}")
         unplaced[drone] = _unplaced(drone, group, options, remarks)
     frames, misplaced = place_cameras(unplaced, tracks, limits)
     return Recording(
