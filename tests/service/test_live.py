@@ -14,6 +14,7 @@ from urllib.parse import quote
 
 import numpy as np
 import pytest
+from httpx import Response
 from PIL import Image
 
 from crowdfence import Camera, CrowdMap, View, project
@@ -25,8 +26,10 @@ from crowdfence.service.inputs import Inputs
 from crowdfence.service.journal import Record
 from crowdfence.service.live import Live
 from crowdfence.service.service import Service
+from crowdfence.service.store import FILE
 from crowdfence.service.ticker import Ticker
 from crowdfence.service.view_message import CameraMessage, HeatmapMessage, ViewMessage
+from crowdfence.service.watch import Watch
 from support.small_service import (
     CAMERA,
     CONFIG,
@@ -465,6 +468,50 @@ def test_a_full_disk_refuses_views_tells_it_and_goes_on_when_there_is_room(tmp_p
         assert http.post("/api/v1/views", content=at("uav1", START_NS + 3 * SECOND_NS)).status_code == 202
         settle(service)
         assert http.get("/healthz").status_code == 200
+
+
+@pytest.mark.parametrize("taken", [".", FILE, f"{FILE}-wal"])
+def test_views_are_refused_while_their_file_is_moved_away(tmp_path: Path, taken: str) -> None:
+    """SQLite goes on writing into the file without a name: all would be acknowledged, none found again."""
+    folder, aside = tmp_path / "data", tmp_path / "aside"
+    stamps = [START_NS + round(number * 0.2 * SECOND_NS) for number in range(20)]
+    with running(folder) as service, asked(service) as http:
+        watch = Watch(service)
+
+        def give(stamp_ns: int) -> Response:
+            return http.post("/api/v1/views", content=at("uav1", stamp_ns))
+
+        assert give(stamps[0]).status_code == 202
+        (folder / taken).rename(aside)
+        answer = give(stamps[1])
+        assert answer.status_code == 507 and "moved away" in answer.json()["detail"]
+        assert http.get("/healthz").status_code == 503 and http.get("/metrics").status_code == 200
+        watch.look()
+        assert ("disk", None) in {(one.kind, one.cleared_ns) for one in service.alerts.all()}
+        if taken == FILE:
+            shutil.copy(aside, folder / taken)  # another file of the same name
+            assert give(stamps[2]).status_code == 507
+        aside.rename(folder / taken)
+        for stamp_ns in stamps[3:]:  # together more than what was refused
+            assert give(stamp_ns).status_code == 202
+        settle(service)
+        assert http.get("/healthz").status_code == 200
+        watch.look()
+        assert service.alerts.active("disk") is None
+    with running(folder) as service:
+        assert live_of(service).heard.last_view_ns["uav1"] == stamps[-1]
+
+
+def test_a_file_that_is_removed_while_nobody_writes_is_told(tmp_path: Path) -> None:
+    with running(tmp_path / "data") as service:
+        shutil.rmtree(tmp_path / "data")
+        watch = Watch(service)
+        watch.look()
+        service.store.note(lambda connection: None)
+        with pytest.raises(sqlite3.OperationalError, match="moved away"):
+            service.store.flush()
+        watch.look()
+        assert "moved away" in service.alerts.active("disk").text
 
 
 def test_alerts_that_a_full_disk_did_not_take_are_kept_once_there_is_room(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+import shutil
 import sqlite3
 import time
 import zlib
@@ -781,7 +782,7 @@ def test_a_disk_that_fills_up_is_an_alarm_before_it_is_full(
 ) -> None:
     free = 10**12
     usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(watch.shutil, "disk_usage", lambda path: usage(0, 0, free))
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(0, 0, free))
     with running(tmp_path) as service:
         looking = Watch(service)
         looking.look()

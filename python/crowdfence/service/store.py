@@ -21,6 +21,7 @@ from pathlib import Path
 from threading import Lock, Thread
 from typing import Any, NamedTuple, TextIO, get_args
 
+from crowdfence.service.held_files import HeldFiles
 from crowdfence.service.write_ahead_log import commits_in
 from crowdfence.service.write_trouble import WriteTrouble
 from crowdfence.zones.tracker import EventKind
@@ -121,6 +122,7 @@ class Store:
         self._readers: queue.LifoQueue[sqlite3.Connection] = queue.LifoQueue()
         try:
             self._writer = self._opened(durable)
+            self._files = HeldFiles((self.path, self.path.with_name(f"{FILE}-wal")))
             for _ in range(_READERS):
                 reader = sqlite3.connect(self.path, check_same_thread=False)
                 # Damaged text is for who reads it to find, who knows what to do without it.
@@ -242,8 +244,8 @@ class Store:
 
     @property
     def bytes(self) -> int:
-        """Size of the file, without what is not yet moved into it."""
-        return self.path.stat().st_size
+        """Size of the file, without what is not yet moved into it; 0 where it was removed."""
+        return self.path.stat().st_size if self.path.exists() else 0
 
     def rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
         """What is on disk. StoreError when it cannot be read."""
@@ -291,6 +293,7 @@ class Store:
     def _together(self, batch: list[_Entry]) -> list[_Outcome]:
         """In one commit; each by itself where the disk has no room for all."""
         try:
+            self._check_files()
             self._writer.execute("BEGIN IMMEDIATE")
             outcomes = [_Outcome(entry, *self._alone(entry.write)) for entry in batch]
             self._writer.execute("COMMIT")
@@ -301,6 +304,17 @@ class Store:
                 return [outcome for entry in batch for outcome in self._together([entry])]
             return [_Outcome(entry, None, error) for entry in batch]
         return outcomes
+
+    def _check_files(self) -> None:
+        """sqlite3.OperationalError where a restart would not find what is written. SQLite writes into a file
+        without a name as into any other."""
+        lost = self._files.lost
+        if lost is not None:
+            raise sqlite3.OperationalError(
+                f"{lost} was removed or moved away while it is in use, so that what is written would not be "
+                "found again: put the same file back if it still exists; if not, what is known is in this "
+                "process alone: export the zones before it ends, and give them to the next (--static-zones)"
+            )
 
     def _alone(self, write: Write) -> tuple[Any, Exception | None]:
         """The write by itself: one that fails takes back nothing but its own."""

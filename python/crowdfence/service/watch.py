@@ -6,7 +6,6 @@ Data that stops opens nothing: zones stay as they are, and somebody is told.
 from __future__ import annotations
 
 import logging
-import shutil
 import sqlite3
 import time
 from collections.abc import Iterable
@@ -25,7 +24,7 @@ from crowdfence.service.operator_zones import passable
 from crowdfence.service.recent_looks import WINDOW_S
 from crowdfence.service.service import Service
 from crowdfence.service.timeline import Moment, forget_before, trim_moments
-from crowdfence.service.write_trouble import LEAST_FREE_BYTES
+from crowdfence.service.write_trouble import LEAST_FREE_BYTES, free_bytes
 from crowdfence.sources.lens.doubtful import lens_doubt
 from crowdfence.sources.reversed_attitude import leans_reversed, reversal_doubt
 from crowdfence.zones import Zone
@@ -433,12 +432,14 @@ class Watch:
 
     def _disk(self) -> None:
         service = self._service
+        service.store.note(lambda connection: None)  # tells how it stands, also while nobody writes
         if service.store_trouble is not None:
             text = f"nothing can be written, views are refused: {service.store_trouble}"
             self._set(True, "disk", "alarm", text, measure=_NO_ROOM)
-            service.store.note(lambda connection: None)  # tells whether there is room again, if nobody writes
             return
-        free = shutil.disk_usage(service.store.path.parent).free
+        free = free_bytes(service.store.path.parent)
+        if free is None:
+            return
         text = f"only {free / 1e6:.0f} MB are free for the journal"
         short = min(LEAST_FREE_BYTES / max(free, 1), _NO_ROOM / 2)
         self._set(free < LEAST_FREE_BYTES, "disk", "alarm", text, measure=short)

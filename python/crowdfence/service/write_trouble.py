@@ -40,4 +40,12 @@ class WriteTrouble:
             self.text, self._largest = None, 0
 
     def _free_bytes(self) -> int:
-        return shutil.disk_usage(self._folder).free
+        return free_bytes(self._folder) or 0
+
+
+def free_bytes(folder: Path) -> int | None:
+    """None where the folder is gone, which writes tell."""
+    try:
+        return shutil.disk_usage(folder).free
+    except OSError:
+        return None
