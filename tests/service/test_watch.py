@@ -777,6 +777,27 @@ def test_a_detector_that_does_not_answer_is_an_alarm_and_holds_up_no_reader(
         assert [zone["kind"] for zone in http.get("/api/v1/zones").json()["zones"]] == ["operator"]
 
 
+def test_a_map_that_cannot_keep_up_with_the_views_is_an_alarm(tmp_path: Path) -> None:
+    """Each view is acknowledged at once, and none is refused."""
+    with running(tmp_path, settings=replace(SETTINGS, silent_after_s=0.4)) as service:
+        assert service.live is not None
+        watch, flown = Watch(service), views(6)
+        with service.mission.lock:  # the map takes nothing in
+            for one in flown:
+                service.live.intake.give_view(message(one))
+            watch.look()
+            assert not active(service, "map_behind")
+            time.sleep(0.6)
+            watch.look()
+            (alert,) = [one for one in service.alerts.all() if one.kind == "map_behind"]
+            assert alert.level == "alarm" and "wait for 1 s" in alert.text
+            time.sleep(1.2)
+            watch.look()
+            assert "wait for 2 s" in service.alerts.active("map_behind").text, "it became worse"
+        settle(service)
+        assert service.live.applying.behind_s == 0.0, "the last ones wait for company, not for their turn"
+
+
 def test_a_disk_that_fills_up_is_an_alarm_before_it_is_full(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

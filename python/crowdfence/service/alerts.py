@@ -22,6 +22,7 @@ AlertKind = Literal[
     "drone_near_zone",
     "new_zone",
     "detector_stale",
+    "map_behind",
     "pose_gap",
     "pose_frames",
     "reversed_attitudes",

@@ -106,6 +106,12 @@ class Applying:
         """Records on disk that are not in the map yet."""
         return self._records.qsize()
 
+    @property
+    def behind_s(self) -> float:
+        """How long the oldest view on disk has waited for its turn, behind others; 0 where none waits."""
+        turns = [then_s for seq, then_s in list(self._acknowledged_s.items()) if seq > self._applied]
+        return time.monotonic() - min(turns) if turns else 0.0
+
     def settled(self, timeout_s: float) -> None:
         """Wait until all that was put is applied. TimeoutError."""
         applied = Event()

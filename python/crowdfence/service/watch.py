@@ -98,6 +98,7 @@ class Watch:
         self._cameras()
         self._unused_options()
         self._detector()
+        self._map_behind()
         self._same_answer()
         self._unlike_pictures()
         self._untested_ground()
@@ -290,6 +291,22 @@ class Watch:
         self._set(stale, "detector_stale", "alarm", text)
         for drone, still in self._service.mission.still_video.standing().items():
             self._set(still is not None, "detector_stale", "alarm", still or "", drone=drone)
+
+    def _map_behind(self) -> None:
+        """Zones as old as views wait are no better than those of a drone that is silent as long."""
+        live, most_s = self._service.live, self._service.settings.silent_after_s
+        if live is None:
+            return
+        behind_s = live.applying.behind_s
+        if behind_s <= most_s:
+            self._service.alerts.clear("map_behind", self._service.now_ns(), calm_s=CALM_S)
+            return
+        text = (
+            f"views wait for {behind_s:.0f} s before they are taken into the map, because more come than it "
+            "can take: zones show what was seen then, and crowd that came since closes nothing; give fewer "
+            "views a second, or take a coarser map or a faster machine"
+        )
+        self._set(True, "map_behind", "alarm", text, measure=behind_s)
 
     def _same_answer(self) -> None:
         """A detector that does not see its pictures clears all ground, or closes it. Until it has answered
