@@ -845,6 +845,26 @@ def test_pictures_and_history_stay_within_their_room(tmp_path: Path) -> None:
         assert service.mission.timeline.at(newest.stamp_ns).number == newest.number
 
 
+def test_a_mission_began_when_it_did_also_once_its_beginning_is_forgotten(tmp_path: Path) -> None:
+    """`fence watch` tells another mission by it, which was an alarm each minute from the second day on."""
+    small = replace(SETTINGS, keep_media_mb=0.02, keep_s=2.0)
+    began = []
+    flown = views(140)
+    for part in (flown[:240], flown[240:]):  # with a restart in between
+        with running(tmp_path, settings=small) as service, asked(service) as http:
+            assert service.live is not None
+            for one in part:
+                service.live.intake.give_view(message(one))
+            settle(service)
+            began.append(http.get("/api/v1/scene").json()["first_stamp_ns"])
+            Watch(service).tidy()
+            service.store.flush()
+            ((first,),) = service.store.rows("SELECT MIN(number) FROM moments")
+            assert first > 1, "the beginning is forgotten"
+            began.append(http.get("/api/v1/scene").json()["first_stamp_ns"])
+    assert began == [began[0]] * 4 and int(began[0]) < START_NS + SECOND_NS
+
+
 def test_the_history_of_thousands_of_zones_stays_within_its_room(tmp_path: Path) -> None:
     """A hundred kilobytes an instant: of 2000 zones of others it filled the disk within hours."""
     theirs = [

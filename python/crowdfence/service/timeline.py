@@ -270,11 +270,12 @@ class Timeline:
             return (last[0], zlib.decompress(rows[0][0])) if rows else None
 
     def span_ns(self) -> tuple[int, int] | None:
-        """Stamps of the first and of the last moment."""
+        """Stamps of the first moment that there ever was, and of the last."""
         ((first, last),) = self._store.rows(
             "SELECT MIN(stamp_ns), MAX(stamp_ns) FROM moments WHERE typeof(stamp_ns) = 'integer'"
         )
-        return None if first is None else (first, last)
+        forgotten = self._store.rows("SELECT value FROM about WHERE name = 'first_stamp_ns'")
+        return None if first is None else (int(forgotten[0][0]) if forgotten else first, last)
 
 
 _LOST = "what was closed then is not known: nothing could be written at moment {} of the history"
@@ -328,6 +329,11 @@ def forget_moments_before(connection: sqlite3.Connection, stamp_ns: int) -> None
         "SELECT MAX(number) FROM moments WHERE whole AND stamp_ns <= ?", (stamp_ns,)
     ).fetchone()
     if whole is not None:
+        # By it consumers tell this mission from another one, which knows nothing of what this one closed.
+        connection.execute(
+            "INSERT OR IGNORE INTO about SELECT 'first_stamp_ns', MIN(stamp_ns) FROM moments "
+            "WHERE typeof(stamp_ns) = 'integer' HAVING COUNT(*) > 0"
+        )
         connection.execute("DELETE FROM moments WHERE number < ?", (whole,))
 
 
