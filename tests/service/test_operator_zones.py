@@ -253,6 +253,8 @@ def test_heights_that_a_format_does_not_know_are_refused(tmp_path: Path) -> None
             assert http.get(f"/api/v1/export?format={kind}&datum=AGL").status_code == 200
             refused = http.get(f"/api/v1/export?format={kind}&datum=WGS84")
             assert refused.status_code == 422 and "no heights above WGS84" in refused.json()["detail"]
+        refused = http.get("/api/v1/export?format=f3548&datum=AMSL")
+        assert refused.status_code == 422 and "none above AMSL" in refused.json()["detail"]
         for kind in ("ed318", "f3548", "csv"):
             assert http.get(f"/api/v1/export?format={kind}&datum=WGS84&country=CHE").status_code == 200
 

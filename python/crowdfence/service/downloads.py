@@ -42,6 +42,8 @@ def download(mission: Mission, moment: Moment, kind: str, now_ns: int, **how: An
     if kind in _ABOVE_GROUND and how.get("datum", "AGL") != "AGL":
         others = ", ".join(one for one in FORMATS if one not in _ABOVE_GROUND)
         raise ValueError(f"{kind} knows no heights above {how['datum']}; those that do are {others}")
+    if kind == "f3548" and how.get("datum") == "AMSL":
+        raise ValueError("f3548 has heights above the ellipsoid (WGS84) alone, and none above AMSL")
     is_timeless = kind in _TIMELESS
     holds_ns = max(moment.stamp_ns, now_ns) if moment is mission.newest else moment.stamp_ns
     standing = _standing(moment.zones, holds_ns)
