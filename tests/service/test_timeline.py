@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import shapely
+from httpx import Response
 
 from crowdfence.service import timeline as timeline_module
 from crowdfence.service.store import Store
@@ -416,6 +417,25 @@ def test_who_asks_for_a_time_to_come_is_not_told_of_now(tmp_path: Path) -> None:
             refused = http.get(f"/api/v1/{path}", params={"at": latest_ns + 600 * 10**9})
             assert refused.status_code == 422, path
             assert "after now" in refused.json()["detail"]
+
+
+def test_the_history_of_a_zone_that_never_was_is_not_found(tmp_path: Path) -> None:
+    """A misspelled id was told as one to which nothing ever happened."""
+    theirs = Zone.of_no_look("HOSP", shapely.box(1, 1, 9, 9), "static", "given")
+    with running(tmp_path, static_zones=[theirs]) as service, asked(service) as http:
+
+        def history(zone: str, **how: Any) -> Response:
+            return http.get(f"/api/v1/zones/{zone}/history", params=how)
+
+        assert history("HOSP").json() == {"points": [], "events": []}, "it is closed before the first view"
+        for one in views(9):
+            service.live.intake.give_view(message(one))
+        settle(service)
+        never = history("Z11")
+        assert never.status_code == 404 and "there is no zone Z11" in never.json()["detail"]
+        (first,) = [one for one in history("Z1").json()["events"] if one["kind"] == "created"]
+        before = history("Z1", at=int(first["stamp_ns"]) - 1)
+        assert before.status_code == 200 and before.json() == {"points": [], "events": []}
 
 
 def test_a_parameter_that_there_is_not_is_refused(tmp_path: Path) -> None:

@@ -220,6 +220,10 @@ class Service:
             return then if then is not None and then.stamp_ns == at_ns else newest
         return then or self.mission.opening(self.now_ns() if at_ns is None else at_ns)
 
+    def has_zone(self, zone: str) -> bool:
+        """Whether it is closed now."""
+        return any(one.id == zone for one in self.moment(None).zones.closed)
+
     def _is_about_now(self, at_ns: int, newest: Moment) -> bool:
         """Whether somebody asks for now while the newest moment, of a drone whose clock is ahead, is of
         later: what it closes is closed now."""

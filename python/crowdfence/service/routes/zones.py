@@ -38,11 +38,15 @@ def zones(
 
 
 @router.get(
-    "/zones/{zone:path}/history", responses={404: {"description": "no zone has line breaks in its id"}}
+    "/zones/{zone:path}/history", responses={404: {"description": "no zone of this id is or was there"}}
 )
 def zone_history(service: TheService, user: Reader, zone: ZoneId, at: AtNs) -> dict[str, Any]:
-    """How a zone's probability and area went, and what became of it."""
-    return service.mission.timeline.zone_history(zone, at)
+    """How a zone's probability and area went, and what became of it; nothing where it came after `at`."""
+    timeline = service.mission.timeline
+    told = timeline.zone_history(zone, at)
+    if not (any(told.values()) or service.has_zone(zone) or any(timeline.zone_history(zone).values())):
+        raise HTTPException(404, f"there is no zone {zone}, and in the history that is kept there was none")
+    return told
 
 
 @router.get("/timeline")
