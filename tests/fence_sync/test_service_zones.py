@@ -33,6 +33,9 @@ class Answers:
         self.status, self.broken = 200, b""
         self.zones = [crowd("Z1", 10.0), others("CTR", 500.0)]
         self.stamp_ns = 7_000
+        self.run: str | None = None
+        """Of the process; builds of before tell none beside the zones."""
+        self.first_stamp_ns: str | None = "5000"
         self.anchor: dict[str, float] | None = {"latitude_deg": 47.0, "longitude_deg": 8.0, "height_m": 500.0}
         self.asked: list[tuple[str, str | None]] = []
         answers = self
@@ -54,12 +57,13 @@ class Answers:
 
     def told(self, path: str) -> dict[str, Any]:
         if path == "/api/v1/scene":
-            return {"anchor": self.anchor, "first_stamp_ns": "5000"}
+            return {"anchor": self.anchor, "first_stamp_ns": self.first_stamp_ns, "run": self.run or "a1"}
         version = "v1" if any(zone["id"] == "CTR" for zone in self.zones) else "v0"
         left_out = path == f"/api/v1/zones?without_static={version}"
         zones = [zone for zone in self.zones if zone["kind"] != "static" or not left_out]
         told = {"stamp_ns": str(self.stamp_ns), "static_version": version, "static_left_out": left_out}
-        return {**told, "zones": zones}
+        run = {} if self.run is None else {"run": self.run}
+        return {**run, **told, "zones": zones}
 
 
 def crowd(name: str, west_m: float, **changes: Any) -> dict[str, Any]:
@@ -138,6 +142,29 @@ def test_what_changes_is_noticed_and_what_fails_and_comes_back(answers: Answers)
     asked = len(answers.asked)
     time.sleep(0.1)
     assert len(answers.asked) == asked
+
+
+def test_the_scene_is_asked_for_once_while_the_service_runs(answers: Answers) -> None:
+    """The watches of 48 vehicles behind one address, two requests a second each, were refused with 429."""
+    answers.run, answers.first_stamp_ns = "b1", None  # nobody has given a view
+    zones = ServiceZones(answers.url)
+
+    def scenes(times: int) -> int:
+        answers.asked.clear()
+        for _ in range(times):
+            zones.read()
+        return [path for path, _ in answers.asked].count("/api/v1/scene")
+
+    assert scenes(3) == 3 and zones.read().begun_ns is None
+    answers.first_stamp_ns = "5000"
+    assert scenes(3) == 1 and scenes(3) == 0 and zones.read().begun_ns == 5000
+    answers.run, answers.first_stamp_ns = "b2", "6000"
+    answers.anchor = {"latitude_deg": 48.0, "longitude_deg": 8.0, "height_m": 500.0}
+    told = zones.read()
+    assert told.begun_ns == 6000 and told.georeference == Georeference(48.0, 8.0, 500.0)
+    assert scenes(3) == 0
+    answers.run = None
+    assert scenes(3) == 3, "of builds of before nobody knows whether they were started anew"
 
 
 def test_a_margin_is_worked_out_once_for_zones_that_stay(answers: Answers) -> None:

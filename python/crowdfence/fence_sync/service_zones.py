@@ -1,7 +1,8 @@
 """What a live service closes, asked for over HTTP.
 
 While a vehicle is watched that happens in the background, once a second: nobody waits for the service who has
-to hear the vehicle. The zones of others, of which there may be thousands, come over the line once.
+to hear the vehicle. The zones of others, of which there may be thousands, come over the line once, and so
+does the scene: the watches of a fleet share the requests that one address may make.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ class ServiceZones:
             self._trust.load_verify_locations(ca)
         self._static: tuple[str, tuple[Zone, ...]] | None = None
         """The zones of others, and which version of them these are."""
+        self._scene: dict[str, Any] | None = None
+        """Once nothing of it changes while the service runs."""
         self._follows: Thread | None = None
         self._closed = Event()
         self._newest: PlacedZones | Exception | None = None
@@ -87,11 +90,15 @@ class ServiceZones:
 
     def _ask(self) -> PlacedZones:
         try:
-            scene = self._get("/scene")
+            scene = self._scene or self._get("/scene")
             told = self._get("/zones" if self._static is None else f"/zones?without_static={self._static[0]}")
+            if self._scene is not None and told.get("run") != scene["run"]:  # it was started anew
+                scene = self._get("/scene")
             anchor = scene["anchor"]
             if anchor is None:
                 raise ValueError("the mission has no place on Earth, so its zones cannot be sent")
+            has_begun = scene["first_stamp_ns"] is not None
+            self._scene = scene if has_begun and told.get("run") == scene.get("run") is not None else None
             return PlacedZones(
                 (*_zones(one for one in told["zones"] if one["kind"] != "static"), *self._others(told)),
                 Georeference(anchor["latitude_deg"], anchor["longitude_deg"], anchor["height_m"]),

@@ -178,7 +178,7 @@ class Service:
     def zones_json(self, moment: Moment, without_static: str | None = None) -> dict[str, Any]:
         """The zones of a moment; without a stamp where the clock of the views has not begun. Those of others
         are left out where they are of the version `without_static`, or that is `ANY_VERSION`."""
-        told = self._zone_sets.of(moment, without_static)
+        told = {"run": self.mission.run, **self._zone_sets.of(moment, without_static)}
         is_timeless = moment.number == 0 and moment.stamp_ns == 0
         return {**told, **moment_json("stamp", None)} if is_timeless else told
 

@@ -89,6 +89,8 @@ export interface Zone {
 }
 
 export interface Zones {
+  /** That of the scene. */
+  run?: string;
   stamp_ns: string;
   stamp_ms: number;
   threshold: number;
