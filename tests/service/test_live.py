@@ -368,6 +368,35 @@ def test_a_flood_from_one_drone_stops_only_that_drone(
         assert http.post("/api/v1/views", content=at("uav1", START_NS + 99)).status_code == 202
 
 
+def test_a_map_that_is_behind_has_room_for_one_view_of_each_drone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """16 views of each drone waited before a slow detector: its zones were 24 s old, and stayed so."""
+    settings = replace(SETTINGS, turn_within_s=0.3)
+    with running(tmp_path, settings=settings, clock=Now(START_NS).clock()) as service:
+        live = live_of(service)
+        goes_on, push = Event(), live.applying.gathering.push
+
+        def held_up(arrival):
+            goes_on.wait(60.0)
+            return push(arrival)
+
+        def give(drone: str, number: int) -> int:
+            try:
+                return live.intake.give_view(at(drone, START_NS + number)).seq
+            except Refused as refused:
+                assert refused.again_s > 0.0
+                return refused.status
+
+        monkeypatch.setattr(live.applying.gathering, "push", held_up)
+        assert [give("uav1", number) for number in range(4)] == [1, 2, 3, 4], "it is not behind yet"
+        sleep(0.5)
+        assert [give("uav1", 4), give("uav2", 0), give("uav2", 1), give("uav3", 0)] == [429, 5, 429, 6]
+        goes_on.set()
+        settle(service)
+        assert [give("uav1", number) for number in range(5, 8)] == [7, 8, 9]
+
+
 def test_views_that_nobody_can_use_are_told_to_the_operator(tmp_path: Path) -> None:
     """They were answered with 422 alone: who gives views and looks at no answer lost them without a word."""
     with running(tmp_path) as service, asked(service) as http:

@@ -45,6 +45,7 @@ SETTINGS = ServiceSettings(
     views_per_s=10_000.0,
     requests_per_s=100_000.0,
     waiting_per_drone=1000,
+    turn_within_s=600.0,
 )
 
 

@@ -54,6 +54,8 @@ class Gate:
         self._on_the_way: Counter[str] = Counter()
         self._stamps_ns: dict[str, deque[int]] = {}
         """Newest of each drone, taken or not, where their clock is all that tells time."""
+        self.behind_s: Callable[[], float] = lambda: 0.0
+        """How long views wait for their turn."""
         self._counting = Lock()
 
     def enter(self, drone: str, stamp_ns: int) -> None:
@@ -155,12 +157,20 @@ class Gate:
             self._tell(drone, stamp_ns, f"it sends {most}")
             raise Refused(429, f"{drone} sends {most}", wait_s)
         waiting = self._on_the_way.get(drone, 0)
-        if waiting >= self._settings.waiting_per_drone:
+        if waiting >= self._room(waiting):
             self._tell(
                 drone, stamp_ns, f"{waiting} of them wait to be taken in, by a detector or map that is slower"
             )
             raise Refused(429, f"{waiting} views of {drone} wait to be taken in", 1.0)
         self._on_the_way[drone] = waiting + 1
+
+    def _room(self, waiting: int) -> int:
+        """For views of a drone of which some wait. With all that it may have the map would stay behind for
+        good: 16 pictures of each of 6 drones before a slow detector are 24 s. On the clock of the views time
+        waits with them."""
+        if waiting and self._clock.kind == "system" and self.behind_s() > self._settings.turn_within_s:
+            return 1
+        return self._settings.waiting_per_drone
 
     def _tell(self, drone: str, stamp_ns: int, why: str) -> None:
         """Whoever gives a view need not give it again, and what it shows is lost then."""

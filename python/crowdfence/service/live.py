@@ -72,6 +72,7 @@ class Live:
             detector_threads,
             self.masks,
         )
+        gate.behind_s = lambda: self.applying.behind_s
         self.intake = Intake(
             mission, journal, clock, gate, self.poses, self.masks, self.heard, alerts, self.applying
         )

@@ -31,6 +31,8 @@ class ServiceSettings:
     """A view that is further ahead of the clock is refused: its drone has a wrong clock."""
     waiting_per_drone: int = 16
     """Views of one drone that are accepted and not in the map yet; more are told to come again (429)."""
+    turn_within_s: float = 2.0
+    """While views wait longer until they are taken into the map, each drone has room for one."""
     views_per_s: float = 30.0
     """Of one drone, on average."""
     silent_after_s: float = 5.0
@@ -68,6 +70,7 @@ class ServiceSettings:
             "views_per_s",
             "silent_after_s",
             "quiet_s",
+            "turn_within_s",
             "pose_stale_s",
             "keep_s",
             "keep_media_mb",
