@@ -77,11 +77,22 @@ def test_what_a_threshold_costs_is_counted_in_bounded_memory() -> None:
     tracemalloc.stop()
     assert held < 50 * len(columns) * 8 / 4
     # The 4 people score alike at 51 moments; exactly at their threshold counts as closed.
-    lowest = min(score[(np.hypot(*(columns - person).T) <= 5.5)].max() for person in crowds.people)
-    far = np.hypot(*np.maximum(columns - 1, 0).T) > 5.0
+    apart = [np.hypot(*np.maximum(np.abs(columns - person) - 0.5, 0.0).T) for person in crowds.people]
+    lowest = min(score[one <= 5.0].max() for one in apart)
+    far = np.hypot(*np.maximum(columns - 1.5, 0.0).T) > 5.0
     (found,) = cost.curve(np.array([0.0]))
     exact = np.count_nonzero(score[far] >= lowest) / len(crowds.ground)
     assert exact <= found <= np.count_nonzero(score[far] >= lowest - 1e-3) / len(crowds.ground)
+
+
+def test_a_threshold_costs_what_zones_at_it_do() -> None:
+    """By edges, people and ground alike: of a column aslant, 4 m each way, 4.95 m and not 5.66 m."""
+    person, aslant, beyond = [10, 10], [14, 14], [14, 15]
+    columns = np.array([person, aslant, beyond])
+    cost = ClosingCost()
+    cost.add(crowd_on(np.array([person])), columns, np.array([0.1, 0.9, 0.9]), 1.0)
+    # Zones at 0.9 hold the person, 4.95 m from the one, and of them only the other is closed for nobody.
+    np.testing.assert_allclose(cost.curve(np.array([0.0])), [1.0])
 
 
 def test_who_shows_nowhere_cannot_be_reached_by_a_threshold() -> None:

@@ -1,8 +1,9 @@
 """What it costs to miss few people: ground closed for nothing, over all thresholds at once.
 
 A person is in a zone with `BUFFER_M` around it exactly if the highest score within that distance reaches the
-threshold. Ground is closed for nothing if its own score does and no crowd stands within that distance. So one
-number per person and per column gives the whole curve.
+threshold. Ground is closed for nothing if its own score does and no crowd stands within that distance. Both
+are distances to the edges of columns, as `safety.distance_m` counts them. So one number per person and per
+column gives the whole curve.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.safety import Cells, CrowdsInView
+from crowdfence.evaluation.safety import Cells, CrowdsInView, distance_m
 
 BUFFER_M = 5.0
 _BINS = 1 << 16
@@ -32,7 +33,7 @@ class ClosingCost:
         """One moment: who stands where, and what each column [C, 2] scores [C]; one that is left out is never
         closed."""
         self._people.append(_highest_near(crowds.people, columns, score, size_m))
-        far = score[_nearest_m(columns, crowds.ground, size_m) > BUFFER_M]
+        far = score[distance_m(columns, crowds.ground, size_m) > BUFFER_M]
         self._far += np.bincount(_bin_of(far), minlength=_BINS)
         self._own_columns += len(crowds.ground)
 
@@ -62,16 +63,14 @@ def _highest_near(
 
     if not len(columns) or not len(places):
         return np.full(len(places), -np.inf)
-    # To the column's edge, as `safety.distance_m` counts it, within a part of a column.
-    reach = BUFFER_M / size_m + 0.5
-    near = cKDTree(columns).query_ball_point(places, reach)
-    return np.array([score[one].max() if one else -np.inf for one in near])
+    reach = BUFFER_M / size_m
+    # The middle of a column lies no farther behind its edge than half its diagonal.
+    near = cKDTree(columns).query_ball_point(places, reach + np.sqrt(0.5))
+    each = zip(near, places, strict=True)
+    return np.array([_highest(score[one], columns[one] - place, reach) for one, place in each])
 
 
-def _nearest_m(columns: Cells, ground: Cells, size_m: float) -> NDArray[np.float64]:
-    from scipy.spatial import cKDTree
-
-    if not len(ground) or not len(columns):
-        return np.full(len(columns), np.inf)
-    apart, _ = cKDTree(ground).query(columns)
-    return np.asarray(apart * size_m)
+def _highest(score: NDArray[np.float64], aside: Cells, reach: float) -> float:
+    """Of columns [C] so far aside [C, 2] whose edges lie within reach, in columns; -inf where none does."""
+    edges = np.maximum(np.abs(aside) - 0.5, 0.0)
+    return float(score[np.hypot(*edges.T) <= reach].max(initial=-np.inf))
