@@ -20,7 +20,7 @@ from crowdfence.cli.evaluate import _label, _rates
 from crowdfence.cli.made_by import method_line
 from crowdfence.config import PaperConfig, RunConfig
 from crowdfence.evaluation.cells.rates import Confusion
-from support.command_line import FEW_FILES, crowdfence
+from support.command_line import FEW_FILES, commands, crowdfence
 from support.small_recordings import EPOCH_NS, STARTS, flight, ground, write_airsim, write_folder
 
 FAILED, USAGE, GATE_NOT_MET = 1, 2, 3
@@ -302,6 +302,25 @@ def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:
     missed = crowdfence(*arguments, "--min-iou", 1.0)
     assert missed.returncode == GATE_NOT_MET
     assert "a mean IoU is below --min-iou 1" in missed.stderr
+
+
+def test_what_is_run_can_be_evaluated(airsim: Path, tmp_path: Path) -> None:
+    """Every option of `run` that says what ground a zone holds; `evaluate` counts outlines and margins by
+    itself, and people on ground that was seen alone."""
+    drawn = "max-hole-m2 buffer simplify-m max-vertices lower-m upper-m restriction close-unseen static-zones"
+    written = "output files open"
+    taken = commands()
+    missing = {name for name in taken["run"] - taken["evaluate"] if name.startswith("--")}
+    assert missing == {f"--{name}" for name in f"{drawn} {written}".split()}
+    method = ("--method", "paper", "--prior", 0.2, "--decay-unit", "frame", "--fleet-size", 7)
+    zones = ("--off-threshold", 0.05, "--stale-after-s", 9)
+    (scored,) = json.loads(crowdfence("evaluate", airsim, *RECORDED, *method, *zones, "--json").stdout)[
+        "scores"
+    ]
+    counted = [
+        scored["config"][name] for name in ("decay_unit", "fleet_size", "off_threshold", "stale_after_s")
+    ]
+    assert counted == ["frame", 7, 0.05, 9.0]
 
 
 def test_evaluate_prints_the_same_figures_on_a_narrow_terminal(airsim: Path) -> None:

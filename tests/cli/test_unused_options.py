@@ -73,9 +73,11 @@ def test_what_shapes_zones_where_none_are_made(tmp_path: Path) -> None:
         "--min-area-m2 does nothing with --layer vehicles"
     )
     assert refused(*common, "--close-unseen").startswith("--close-unseen does nothing with --layer vehicles")
-    assert refused("evaluate", "nowhere.mcap", "--layer", "vehicles", "--min-area-m2", "3").startswith(
-        "--min-area-m2 does nothing with --layer vehicles, of which no zones are counted"
-    )
+    for given in ("--min-area-m2", "--off-threshold", "--opening-looks", "--stale-after-s"):
+        message = refused("evaluate", "nowhere.mcap", "--layer", "vehicles", given, "1")
+        assert message.startswith(
+            f"{given} does nothing with --layer vehicles, of which no zones are counted"
+        )
 
 
 @pytest.mark.parametrize(
@@ -133,6 +135,10 @@ def test_what_a_map_alone_does_not_take(tmp_path: Path, given: list[str]) -> Non
             ["-m", "or", "--threshold", ".3"],
             "--threshold does nothing with --method or; --or-b-threshold does",
         ),
+        (["-m", "or", "--off-threshold", ".2"], "--off-threshold does nothing with --method or"),
+        (["-m", "or", "--opening-looks", "2"], "--opening-looks does nothing with --method or"),
+        (["-m", "evidence", "--fleet-size", "2"], "--fleet-size does nothing with --method evidence"),
+        (["-m", "paper", "--far-every", "1"], "--far-every does nothing with --method paper"),
         (["-m", "paper", "--or-b-threshold", ".5"], "--or-b-threshold does nothing without --method or"),
         (["-m", "evidence", "--measured-rates"], "--measured-rates does nothing with --method evidence"),
         (["-m", "log-pool", "--measured-rates"], "--measured-rates does nothing with --method log-pool"),

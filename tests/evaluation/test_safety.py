@@ -108,6 +108,11 @@ def test_shares_count_people_and_ground() -> None:
     )
     # Of four columns the zone holds one, with 2 m also the next, with 5 m the third, with 10 m all.
     np.testing.assert_allclose(safety.share_missed_m2, [3 / 4, 2 / 4, 1 / 4, 0.0])
+    # A minute later nobody has looked again: that is empty for 90 s alone.
+    for stale_after_s, on_empty in ((30.0, 0.0), (90.0, 3 / 4)):
+        later = Safety()
+        later.add(crowds, crowd_map([int(ids[0])]), 60 * 10**9, 0.5, people[:1], stale_after_s)
+        assert later.share_on_empty == on_empty
     # A second moment without anybody changes no share.
     nobody = CrowdsInView(cells(), np.zeros(0, bool), np.zeros(0, np.int64), cells())
     safety.add(nobody, crowd_map([]), 0, 0.5, cells())

@@ -17,6 +17,7 @@ from crowdfence.cli.option_sets import (
     EvidenceOptions,
     FlightOptions,
     LayerOptions,
+    LookOptions,
     MapOptions,
     MaskOptions,
     ProjectionOptions,
@@ -24,7 +25,7 @@ from crowdfence.cli.option_sets import (
     map_options,
     takes,
 )
-from crowdfence.cli.options import OR, PAPER
+from crowdfence.cli.options import DEFAULT, OR, PAPER
 from crowdfence.cli.refusals import refusal_lines
 from crowdfence.cli.unused_options import refuse_options_of_other_methods, refuse_unused
 from crowdfence.cli.wording import counted, in_options
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     FlightOptions,
     MaskOptions,
     DetectorOptions,
+    LookOptions,
     EvidenceOptions,
     ProjectionOptions,
     before="method",
@@ -72,11 +74,13 @@ def evaluate(
         list[float] | None, typer.Option("--alpha", help="Weight of the newest instant; may be repeated.")
     ] = None,
     decay: options.Decay = PAPER.decay,
+    decay_unit: options.DecayUnitOption = options.DecayUnit.second,
     unseen: options.UnseenOption = options.Unseen.fleet,
     normalise: options.Normalise = False,
     initial: options.InitialOption = options.Initial.zero,
     true_positive_rate: options.TruePositiveRate = None,
     false_positive_rate: options.FalsePositiveRate = None,
+    fleet_size: options.FleetSize = None,
     measured_rates: Annotated[
         bool,
         typer.Option(
@@ -90,7 +94,10 @@ def evaluate(
         typer.Option("--or-b-threshold", help="Mean heatmap value above which `or` calls a voxel crowd."),
     ] = OR.b_threshold,
     threshold: options.Threshold = None,
+    off_threshold: options.OffThreshold = None,
+    opening_looks: options.OpeningLooks = DEFAULT.zones.opening_looks,
     min_area_m2: options.MinAreaM2 = None,
+    stale_after_s: options.StaleAfterS = DEFAULT.zones.stale_after_s,
     truth: Annotated[
         options.TruthChoice,
         typer.Option(
@@ -147,7 +154,7 @@ def evaluate(
             pass  # known before the work
     layer = checked_layer(context.params["layer"])
     if layer != CROWD:
-        refuse_unused(context, ["min_area_m2"], f"with --layer {layer}, of which no zones are counted")
+        refuse_unused(context, _OF_ZONES, f"with --layer {layer}, of which no zones are counted")
     source = source_options.open_source(recording, context.params).of_layer(layer)
     if report is not None and layer == CROWD:
         require_people(source, "--report needs it")
@@ -278,7 +285,7 @@ def _refuse_unused(context: typer.Context, names: list[options.MethodName], pape
     if options.MethodName.or_ not in names:
         refuse_unused(context, ["or_b_threshold"], "without --method or")
     elif len(set(names)) == 1:
-        for name in ("b_threshold", "threshold"):
+        for name in ("b_threshold", "threshold", "off_threshold"):
             refuse_unused(context, [name], "with --method or; --or-b-threshold does")
     configs = [_methods(context.params, name, paper, None)[0] for name in names]
     refuse_options_of_other_methods(context, configs)
@@ -543,6 +550,7 @@ def _layer_table(scores: list[Score]) -> Table:
     return table
 
 
+_OF_ZONES = ("off_threshold", "opening_looks", "min_area_m2", "stale_after_s")
 _SHOWN_M = (0.0, 2.0, 5.0)
 _AT = 2
 """5 m among the buffers."""

@@ -186,9 +186,9 @@ def score(
 
     `truth` is "projected", the paper's (`ProjectedLabels`), or "world" (`CrowdsOfTheWorld`). The
     configurations must agree on how views are projected and grouped; what they leave open is filled in from
-    the detector's contract; of their zones, thresholds, looks and the least area count. ValueError when they
-    do not, when there is none, when the recording does not hold that truth, or when no frame of it can be
-    used.
+    the detector's contract; of their zones, thresholds, looks, the least area and how long ground stays empty
+    count. ValueError when they do not, when there is none, when the recording does not hold that truth, or
+    when no frame of it can be used.
     `with_measures`: all that a report shows, which takes about as long again. Of `swept`, further
     configurations, the IoU alone is counted. `untold` is told of frames whose truth cannot be told, which are
     left out; ValueError where that is so of all.
@@ -399,7 +399,8 @@ class _Judged:
     ) -> None:
         """Who stands where, against the ground that is held closed; arguments as for `compare`."""
         crowd_map, closed = self.loop.crowd_map, self._ground.columns
-        self.safety.add(crowds, crowd_map, stamp_ns, self.loop.threshold, closed)
+        stale_after_s = self.config.zones.stale_after_s
+        self.safety.add(crowds, crowd_map, stamp_ns, self.loop.threshold, closed, stale_after_s)
         if self.measures is not None:
             ids, probability = crowd_map.seen_probability(stamp_ns)
             score = highest[ids].astype(np.float64) if self._sweeps_mean else probability

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import CrowdMap, Observation, Terrain
+from crowdfence.config import ZoneConfig
 from crowdfence.sources.recording import Instant, Recording
 from crowdfence.truth.at_exposure import crowd_definition, crowd_ground_of, people_at, timed_frame
 from crowdfence.truth.crowd_ground import crowds_of
@@ -106,12 +107,18 @@ class Safety:
     """Ground that crowds stand on, in view and in no zone."""
 
     def add(
-        self, crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float, closed: Cells
+        self,
+        crowds: CrowdsInView,
+        crowd_map: CrowdMap,
+        stamp_ns: int,
+        threshold: float,
+        closed: Cells,
+        stale_after_s: float = ZoneConfig().stale_after_s,
     ) -> None:
         """Count one moment of a map, and the columns that its zones hold closed [C, 2]
-        (`ZoneGround.columns`)."""
+        (`ZoneGround.columns`); older looks leave nothing empty."""
         self.add_zone(crowds, closed, crowd_map.terrain.voxel_size_m)
-        self.people_on_empty += _on_empty(crowds, crowd_map, stamp_ns, threshold)
+        self.people_on_empty += _on_empty(crowds, crowd_map, stamp_ns, threshold, stale_after_s)
 
     def add_zone(self, crowds: CrowdsInView, zone: Cells, size_m: float) -> None:
         """The same for columns that are closed, without a word about what is called empty."""
@@ -227,10 +234,12 @@ def _tiles(zone: Cells, side: int, margin: int) -> Iterator[tuple[NDArray[np.int
         yield tile, zone[rows][(north >= tile[1] - margin) & (north < tile[1] + side + margin)]
 
 
-def _on_empty(crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float) -> int:
+def _on_empty(
+    crowds: CrowdsInView, crowd_map: CrowdMap, stamp_ns: int, threshold: float, stale_after_s: float
+) -> int:
     """How many stand where every voxel of the crowd's ground that was seen is called empty."""
-    state = crowd_map.knowledge(crowds.ground_ids, stamp_ns, threshold=threshold).state
-    other = crowd_map.terrain.voxel_indices(crowds.ground_ids[state != VoxelState.EMPTY])
+    known = crowd_map.knowledge(crowds.ground_ids, stamp_ns, threshold=threshold, stale_after_s=stale_after_s)
+    other = crowd_map.terrain.voxel_indices(crowds.ground_ids[known.state != VoxelState.EMPTY])
     return int(np.count_nonzero(~_is_among(crowds.people, other)))
 
 
