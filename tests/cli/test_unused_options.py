@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdfence.cli.app import app
+from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
 
 
 def refused(*words: str) -> str:
@@ -103,6 +104,16 @@ def test_what_pictures_without_poses_do_not_take(tmp_path: Path, given: list[str
     """A map tells their metres per pixel of pictures with poses only."""
     message = refused("detect", str(tmp_path), "-o", str(tmp_path / "out"), *given)
     assert message == f"{given[0]} does nothing for pictures without poses; leave it out"
+
+
+@pytest.mark.parametrize(
+    "given", [["--max-range-m", "50"], ["--target", "ground"], ["--target-height-m", "0"]]
+)
+def test_what_annotated_pictures_do_not_take(tmp_path: Path, given: list[str]) -> None:
+    """Their labels are outlines in the pictures; nothing is projected."""
+    write_coco([], tmp_path / ANNOTATIONS)
+    message = refused("model", "evaluate", "--data", str(tmp_path), *given)
+    assert message.startswith(f"{given[0]} does nothing for annotated pictures, which have neither poses")
 
 
 def test_an_instant_of_a_file_that_has_one_only(tmp_path: Path) -> None:

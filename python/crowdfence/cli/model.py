@@ -16,6 +16,7 @@ from crowdfence.atomic_file import atomic_path, replaceable_file
 from crowdfence.cli import console, options
 from crowdfence.cli.calibrate import require_onnx
 from crowdfence.cli.refusals import warn_of_data
+from crowdfence.cli.unused_options import refuse_unused
 from crowdfence.cli.wording import counted
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ def check(
 
 @app.command("evaluate")
 def evaluate(
+    context: typer.Context,
     data: Annotated[
         list[Path],
         typer.Option(
@@ -147,7 +149,10 @@ def evaluate(
 
     _require_png("--examples", examples)
     paths = options.recordings_in(data)
-    default = PHOTOGRAPH_MODEL if all(map(is_labelled_pictures, paths)) else SHIPPED_MODEL
+    only_pictures = all(map(is_labelled_pictures, paths))
+    if only_pictures:
+        refuse_unused(context, _OF_MISSIONS, "for annotated pictures, which have neither poses nor a map")
+    default = PHOTOGRAPH_MODEL if only_pictures else SHIPPED_MODEL
     detector = named_detector(
         models or [default], contract=contract, device=device.value, enlarge=enlarge.value
     )
@@ -444,6 +449,9 @@ def _picture_lines(result: ModelQuality) -> Iterator[str]:
             f"{pictures['pictures_without_crowd']} without: {pictures['mean_share_marked']:.2%} of the cells "
             f"marked, more than 1 % in {pictures['share_with_more_than_one_percent']:.0%} of them."
         )
+
+
+_OF_MISSIONS = ("target", "target_height_m", "max_range_m", "origin", "assume_local")
 
 
 def _require_png(option: str, path: Path | None) -> None:
