@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rasterio
 from numpy.typing import NDArray
 from PIL import EpsImagePlugin, ExifTags, Image
 
@@ -42,6 +43,24 @@ def test_grey_in_sixteen_bits_is_refused_and_not_clipped_to_two_tones(tmp_path: 
     path = tmp_path / "deep.png"
     path.write_bytes(file.getvalue())
     with pytest.raises(ValueError, match="deep.png has mode I.*: save it with 8 bits a channel"):
+        read_rgb(path)
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+@pytest.mark.parametrize(
+    ("driver", "made"), [("PNG", {}), ("GTiff", {"interleave": "pixel", "photometric": "RGB"})]
+)
+@pytest.mark.parametrize("bands", [3, 4])
+def test_colours_in_sixteen_bits_are_refused_and_not_cut_to_their_upper_eight(
+    tmp_path: Path, driver: str, made: dict[str, str], bands: int
+) -> None:
+    """White of a camera of 12 bits, 4095 of 65535, was shown to detectors as black, 15 of 255."""
+    path = tmp_path / "deep.png"
+    with rasterio.open(path, "w", driver, 8, 8, bands, dtype="uint16", **made) as file:
+        file.write(np.full((bands, 8, 8), 4095, np.uint16))
+    with pytest.raises(ValueError, match="picture has 16 bits a channel: save it with 8 bits a channel"):
+        decode_rgb(path.read_bytes(), (8, 8))
+    with pytest.raises(ValueError, match="deep.png has 16 bits a channel: save it with 8 bits a channel"):
         read_rgb(path)
 
 

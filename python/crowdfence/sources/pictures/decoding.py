@@ -57,17 +57,17 @@ def decode_rgb(data: bytes, size: Size) -> NDArray[np.uint8]:
     rectified: nobody sees what is there, and the colours below mean nothing; and for one that asks to be
     turned (EXIF Orientation): nobody can know whether its pose means it as stored or as shown.
     """
-    with _opened(io.BytesIO(data), size) as picture:
+    with _opened(io.BytesIO(data), size, is_colour=True) as picture:
         _require_opaque(picture)
-        return _rgb(picture, "picture")
+        return np.asarray(picture.convert("RGB"))
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
     """Picture file of any size -> [H, W, 3] uint8, upright as its EXIF Orientation says. Transparency is
     dropped; deeper than 8 bit is refused."""
-    with _opened(path, None, may_be_turned=True) as picture:
+    with _opened(path, None, is_colour=True, may_be_turned=True) as picture:
         turn = _TO_UPRIGHT.get(orientation(picture))  # Pillow has turned a TIFF, which says 1 by now
-        return _rgb(picture if turn is None else picture.transpose(turn), path.name)
+        return np.asarray((picture if turn is None else picture.transpose(turn)).convert("RGB"))
 
 
 def further_pages(path: Path) -> int:
@@ -234,18 +234,17 @@ def as_png(data: bytes) -> bytes:
         return encoded.getvalue()
 
 
-def _rgb(picture: Image.Image, name: str) -> NDArray[np.uint8]:
-    """Pillow clips what is deeper than 8 bit to black and white instead of scaling it."""
-    if picture.mode[0] in "IF":
-        raise ValueError(f"{name} has mode {picture.mode}: save it with 8 bits a channel")
-    return np.asarray(picture.convert("RGB"))
-
-
 @contextmanager
 def _opened(
-    source: Path | io.BytesIO, size: Size | None, at_most: Size = LARGEST, *, may_be_turned: bool = False
+    source: Path | io.BytesIO,
+    size: Size | None,
+    at_most: Size = LARGEST,
+    *,
+    is_colour: bool = False,
+    may_be_turned: bool = False,
 ) -> Iterator[Image.Image]:
-    """The picture, fully decoded; its declared size is checked first, so that a lie costs no memory."""
+    """The picture, fully decoded; its declared size is checked first, so that a lie costs no memory.
+    `is_colour`: its channels must have 8 bits, as a camera shows it."""
     name = source.name if isinstance(source, Path) else "picture"
     try:
         with Image.open(source, formats=_FORMATS) as picture:
@@ -260,6 +259,8 @@ def _opened(
                 raise ValueError(
                     f"{name} declares {width}x{height} pixels, more than {at_most[0]}x{at_most[1]}"
                 )
+            if is_colour:
+                _require_eight_bits(picture, name)
             picture.load()
             if not may_be_turned:
                 _require_upright(picture, name)
@@ -277,6 +278,15 @@ def _opened(
         if error.errno is not None:
             raise
         raise ValueError(f"{name} is damaged: {error}") from error
+
+
+def _require_eight_bits(picture: Image.Image, name: str) -> None:
+    """Before it is decoded. Pillow clips deeper grey to black and white, and of deeper colours it keeps the
+    upper 8 bits, which are black where a camera of 12 bits fills the lower ones."""
+    if picture.mode[0] in "IF":
+        raise ValueError(f"{name} has mode {picture.mode}: save it with 8 bits a channel")
+    if any(";16" in str(tile.args) for tile in getattr(picture, "tile", ())):
+        raise ValueError(f"{name} has 16 bits a channel: save it with 8 bits a channel")
 
 
 def _require_opaque(picture: Image.Image) -> None:
