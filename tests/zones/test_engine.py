@@ -626,6 +626,20 @@ def test_a_zone_tells_who_showed_what_and_why_it_is_still_closed() -> None:
     assert zone.reason == "not_looked_at" and [look.drone for look in zone.evidence] == ["bravo"]
 
 
+def test_the_last_look_of_a_drone_is_not_one_that_came_late() -> None:
+    """A view of 8 s reaches the zones after that of 10 s: it is one look more, and not the last one."""
+    crowd_map = CrowdMap(PLAIN, EvidenceConfig().fusion_method(PLAIN, drones=1))
+    engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(crowd_map.method.default_threshold))
+    ids = sorted(PLAIN.voxel_ids([(0, 0, 0), (1, 0, 0)]).tolist())
+    for second, mean in ((10, 0.95), (8, 0.9)):
+        view = observation("a", second * SECOND_NS, ids, mean, 20.0)
+        crowd_map.integrate_observations([view], second * SECOND_NS)
+        (zone,) = engine.step(10 * SECOND_NS, [view])
+    (look,) = zone.evidence
+    assert dataclasses.astuple(look) == ("a", 10 * SECOND_NS, 0.95, 1.0, 20.0, 2)
+    assert zone.reason == "seen"
+
+
 def test_zones_that_merge_keep_what_was_seen_of_both() -> None:
     crowd_map = CrowdMap(PLAIN, Or())
     engine = ZoneEngine(crowd_map, ZoneConfig(min_area_m2=0.0).rules(0.5))

@@ -198,9 +198,7 @@ class ZoneEngine:
         for track, looks_now in zip(tracks, looks, strict=True):
             known = joined(before.get(name, {}) for name in (track.id, *origins.get(track.id, [])))
             after[track.id] = with_looks(known, looks_now)
-            self._looks_now[track.id] = [
-                look for drone, look in after[track.id].items() if look is not known.get(drone)
-            ]
+            self._looks_now[track.id] = looks_now
         self._evidence = after
 
     def _told(

@@ -31,11 +31,11 @@ Evidence = Mapping[str, DroneEvidence]
 
 
 def with_looks(evidence: Evidence, looks: Iterable[DroneEvidence]) -> dict[str, DroneEvidence]:
-    """Evidence by drone after the looks of an instant at the same zone (`looks_at`)."""
+    """Evidence by drone after the looks of an instant at the same zone (`looks_at`), which may come late."""
     after = dict(evidence)
     for look in looks:
         before = evidence.get(look.drone)
-        after[look.drone] = look if before is None else replace(look, looks=before.looks + 1)
+        after[look.drone] = look if before is None else replace(_newest(before, look), looks=before.looks + 1)
     return after
 
 
@@ -46,10 +46,13 @@ def joined(parts: Iterable[Evidence]) -> dict[str, DroneEvidence]:
         for drone, one in part.items():
             other = together.get(drone)
             if other is not None:
-                newest = max(one, other, key=lambda look: (look.last_look_ns, look.value))
-                one = replace(newest, looks=max(one.looks, other.looks))
+                one = replace(_newest(one, other), looks=max(one.looks, other.looks))
             together[drone] = one
     return together
+
+
+def _newest(*looks: DroneEvidence) -> DroneEvidence:
+    return max(looks, key=lambda look: (look.last_look_ns, look.value))
 
 
 def looks_at(
