@@ -106,10 +106,20 @@ def test_boxes_given_by_two_corners_are_refused() -> None:
 
 
 def test_outlines_are_drawn_as_they_are() -> None:
+    """Five pixels by six, and not a row and a column more, which was a tenth of a crowd of 30 pixels."""
     labels = picture_labels(picture(crowds=(rectangle(10, 20, 5, 6),), ignored=(rectangle(100, 0, 3, 3),)))
     rows, columns = np.nonzero(labels.crowd)
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (20, 26, 10, 15)
-    assert labels.ignored[1, 101] and not labels.ignored[50, 50]
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (20, 25, 10, 14)
+    assert labels.crowd.sum() == 30
+    assert labels.ignored[1, 101] and labels.ignored.sum() == 9
+
+
+def test_a_triangle_is_the_pixels_whose_middle_it_holds() -> None:
+    """Of a square of 8 x 8 pixels the half above its diagonal, and the middles of those on it just so."""
+    triangle = np.array([(10.0, 20.0), (18.0, 20.0), (18.0, 28.1)])
+    crowd = picture_labels(picture(crowds=(triangle,))).crowd
+    assert [int(row.sum()) for row in crowd[20:28]] == [8, 7, 6, 5, 4, 3, 2, 1]
+    assert crowd.sum() == 36
 
 
 @given(hnp.arrays(np.float64, st.tuples(st.integers(1, 25), st.just(2)), elements=st.floats(0, 12)))

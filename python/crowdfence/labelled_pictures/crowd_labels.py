@@ -160,11 +160,12 @@ def _ground(
 
 
 def _drawn(polygons: tuple[Polygon, ...], picture: AnnotatedPicture) -> NDArray[np.bool_]:
-    """Pixels [H, W] inside any of the polygons."""
-    from PIL import Image, ImageDraw
+    """Pixels [H, W] whose middle lies inside any of the polygons, whose corners are those of pixels."""
+    from rasterio.features import rasterize
 
-    canvas = Image.new("1", (picture.width, picture.height))
-    draw = ImageDraw.Draw(canvas)
-    for polygon in polygons:
-        draw.polygon([(float(x), float(y)) for x, y in polygon], fill=1)
-    return np.array(canvas)
+    shape = (picture.height, picture.width)
+    if not polygons:
+        return np.zeros(shape, np.bool_)
+    rings = [[*polygon.tolist(), polygon[0].tolist()] for polygon in polygons]
+    outlines = [{"type": "Polygon", "coordinates": [ring]} for ring in rings]
+    return np.asarray(rasterize(outlines, out_shape=shape, dtype="uint8")).view(np.bool_)
