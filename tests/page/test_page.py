@@ -194,15 +194,29 @@ def test_an_operator_closes_ground_and_says_why(console: Console, server: Server
     assert (entry["user"], entry["action"], entry["reason"]) == ("a-operator", "add", "ambulance at work")
 
 
+IS_COVERED = """(place, kind) => {
+  const on = document.elementFromPoint(...place);
+  return on.tagName !== "CANVAS" && !on.closest(`.${kind}-label`);
+}"""
+
+
+def middle_of_a_label(console: Console, kind: str) -> tuple[float, float]:
+    """Of one over which no banner or panel of the page lies."""
+    for label in console.page.locator(f".{kind}-label span:visible").all():
+        box = label.bounding_box()
+        assert box is not None
+        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        if not console.page.evaluate(f"([place, kind]) => ({IS_COVERED})(place, kind)", [middle, kind]):
+            return middle
+    raise AssertionError(f"no label of a {kind} is free")
+
+
 def test_a_corner_is_set_where_a_label_stands(console: Console) -> None:
     """The label took the click: the outline lacked that corner, and closed less than was drawn."""
     console.pause()
     console.find("draw").click()
     for number, kind in enumerate(("zone", "drone"), start=1):
-        label = console.page.locator(f".{kind}-label span:visible").first.bounding_box()
-        assert label is not None
-        across, down = label["x"] + label["width"] / 2, label["y"] + label["height"] / 2
-        console.page.mouse.click(across, down)
+        console.page.mouse.click(*middle_of_a_label(console, kind))
         console.wait("drawing", lambda corners, number=number: len(corners) == number)
     console.page.keyboard.press("Escape")
     console.wait("drawing", lambda drawing: drawing is None)
