@@ -372,6 +372,7 @@ def test_a_map_that_is_behind_has_room_for_one_view_of_each_drone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """16 views of each drone waited before a slow detector: its zones were 24 s old, and stayed so."""
+    monkeypatch.setattr("crowdfence.service.gate._MORE_ROOM_EVERY_S", 600.0)
     settings = replace(SETTINGS, turn_within_s=0.3)
     with running(tmp_path, settings=settings, clock=Now(START_NS).clock()) as service:
         live = live_of(service)
@@ -394,7 +395,14 @@ def test_a_map_that_is_behind_has_room_for_one_view_of_each_drone(
         assert [give("uav1", 4), give("uav2", 0), give("uav2", 1), give("uav3", 0)] == [429, 5, 429, 6]
         goes_on.set()
         settle(service)
-        assert [give("uav1", number) for number in range(5, 8)] == [7, 8, 9]
+        goes_on.clear()
+        assert [give("uav1", 5), give("uav1", 6)] == [7, 429], "as many as before would be too many again"
+        goes_on.set()
+        settle(service)
+        monkeypatch.setattr("crowdfence.service.gate._MORE_ROOM_EVERY_S", 0.0)
+        goes_on.clear()
+        assert [give("uav1", number) for number in range(6, 9)] == [8, 9, 10]
+        goes_on.set()
 
 
 def test_views_that_nobody_can_use_are_told_to_the_operator(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from threading import Lock
 from crowdfence.errors import beyond
 from crowdfence.legible import unreadable
 from crowdfence.service.alerts import CALM_S, Alerts
-from crowdfence.service.clock import Clock
+from crowdfence.service.clock import Clock, steady_s
 from crowdfence.service.guard import Rate
 from crowdfence.service.heard import UNKNOWN
 from crowdfence.service.settings import ServiceSettings
@@ -21,6 +21,8 @@ _SECOND_NS = 1_000_000_000
 _FUTURE_OF_VIEWS_S = 3600.0
 """With the clock of the views a stamp may be this far ahead: the crowd map takes more for a wrong clock."""
 _STAMPS_OF_A_DRONE = 8
+_MORE_ROOM_EVERY_S = 5.0
+"""One view of each drone more, after there was room for one alone: all at once would be too many again."""
 _LATEST_NS = THIS_CENTURY_S.stop * _SECOND_NS
 """A first stamp beyond the year 2096 is a wrong clock: nobody else could give a view behind it."""
 
@@ -56,6 +58,8 @@ class Gate:
         """Newest of each drone, taken or not, where their clock is all that tells time."""
         self.behind_s: Callable[[], float] = lambda: 0.0
         """How long views wait for their turn."""
+        self._room, self._since_s = settings.waiting_per_drone, 0.0
+        """For views of each drone that wait, and since when."""
         self._counting = Lock()
 
     def enter(self, drone: str, stamp_ns: int) -> None:
@@ -157,20 +161,23 @@ class Gate:
             self._tell(drone, stamp_ns, f"it sends {most}")
             raise Refused(429, f"{drone} sends {most}", wait_s)
         waiting = self._on_the_way.get(drone, 0)
-        if waiting >= self._room(waiting):
+        if waiting and waiting >= self._room_of_each():
             self._tell(
                 drone, stamp_ns, f"{waiting} of them wait to be taken in, by a detector or map that is slower"
             )
             raise Refused(429, f"{waiting} views of {drone} wait to be taken in", 1.0)
         self._on_the_way[drone] = waiting + 1
 
-    def _room(self, waiting: int) -> int:
+    def _room_of_each(self) -> int:
         """For views of a drone of which some wait. With all that it may have the map would stay behind for
         good: 16 pictures of each of 6 drones before a slow detector are 24 s. On the clock of the views time
         waits with them."""
-        if waiting and self._clock.kind == "system" and self.behind_s() > self._settings.turn_within_s:
-            return 1
-        return self._settings.waiting_per_drone
+        behind_s, now_s = self.behind_s() if self._clock.kind == "system" else 0.0, steady_s()
+        if behind_s > self._settings.turn_within_s:
+            self._room, self._since_s = 1, now_s
+        elif behind_s < self._settings.turn_within_s / 2.0 and now_s - self._since_s > _MORE_ROOM_EVERY_S:
+            self._room, self._since_s = min(self._room + 1, self._settings.waiting_per_drone), now_s
+        return self._room
 
     def _tell(self, drone: str, stamp_ns: int, why: str) -> None:
         """Whoever gives a view need not give it again, and what it shows is lost then."""
