@@ -149,8 +149,9 @@ impl CrowdMap {
         self.probability_at(ids, stamp_ns)
     }
 
-    /// The same for some voxels.
+    /// The same for some voxels; an error for an id that the terrain does not have, as below.
     pub fn probability_of(&self, ids: &[u32], stamp_ns: i64) -> Result<Vec<f64>> {
+        self.check_ids(ids)?;
         self.probability_at(ids.par_iter().copied(), stamp_ns)
     }
 
@@ -169,6 +170,7 @@ impl CrowdMap {
     /// Bounds between which the probability of some voxels lies at `level`, in (0, 1); None where the method has
     /// none. Where nobody has looked they are 0 and 1.
     pub fn interval_of(&self, ids: &[u32], stamp_ns: i64, level: f64) -> Result<Option<Vec<[f64; 2]>>> {
+        self.check_ids(ids)?;
         let now = self.moment(stamp_ns)?;
         require(level > 0.0 && level < 1.0, "level", level, "strictly between 0 and 1")?;
         Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
@@ -217,12 +219,17 @@ impl CrowdMap {
         threshold: f64,
         stale_after_s: f64,
     ) -> Result<Vec<VoxelKnowledge>> {
+        self.check_ids(ids)?;
         let now = self.moment(stamp_ns)?;
         let rule = StateRule::new(threshold, stale_after_s)?;
         Ok(each_method!(&self.beliefs, Beliefs, beliefs => {
             let reading = Reading::new(beliefs, &self.history, now);
             ids.par_iter().map(|&id| reading.knowledge(id, rule)).collect()
         }))
+    }
+
+    fn check_ids(&self, ids: &[u32]) -> Result<()> {
+        ids.iter().max().map_or(Ok(()), |&largest| self.terrain.check_id(largest.into()).map(drop))
     }
 
     /// Voxels that somebody has seen, sorted: the union of the fields of view so far (equation 4). Costs what

@@ -116,6 +116,7 @@ impl CrowdMap {
     /// The columns of some voxels, each given once and in any order, at a stamp not before the last instant. Of
     /// voxels that nobody has seen nothing is told.
     pub fn columns_of(&self, ids: &[u32], stamp_ns: i64) -> Result<CrowdColumns> {
+        self.check_ids(ids)?;
         let now = self.moment(stamp_ns)?;
         let seen = ids.iter().filter_map(|&id| self.history.last_look(id).map(|look| (id, look.stamp_ns)));
         let mut voxels: Vec<(u32, i64)> = seen.collect();

@@ -275,6 +275,21 @@ fn an_observation_of_another_terrain_is_refused() {
     assert_eq!(map.instant_count(), 0);
 }
 
+/// Those of another terrain, for instance: they were ground that nobody had seen, or a panic.
+#[test]
+fn voxels_that_the_terrain_does_not_have_are_refused() {
+    let mut map = map(evidence());
+    map.integrate(&[look("a", 0.0, 1.0, 0)], 0).unwrap();
+    for id in [2, 1_000_000_000] {
+        let refused = Some(Error::VoxelId { id: i64::from(id), last: 1 });
+        assert_eq!(map.probability_of(&[0, id], 0).err(), refused);
+        assert_eq!(map.interval_of(&[id, 1], 0, 0.9).err(), refused);
+        assert_eq!(map.knowledge(&[id], 0, 0.5, 9.0).err(), refused);
+        assert_eq!(map.columns_of(&[0, id], 0).err(), refused);
+    }
+    assert_eq!(map.columns_of(&[1, 0], 0).unwrap().voxel_ids, [0]);
+}
+
 #[test]
 fn a_view_far_older_than_its_instant_counts_at_its_own_age() {
     // Seen at 0 s; integrated at 1000 s: the place is as stale as the view, and has faded for as long.
