@@ -31,6 +31,7 @@ from uas_standards.astm.f3548.v21 import api as f3548_api
 from uas_standards.astm.f3548.v21 import constants as f3548_constants
 
 from crowdfence import Georeference
+from crowdfence.datum import wgs84_from
 from crowdfence.exports.geojson import zones_geojson
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.exports.zone_formats import ZONE_FORMATS, ZoneExport, geoid, qgc_plan
@@ -761,6 +762,7 @@ def geoid_grid(tmp_path: Path) -> Iterator[None]:
     datadir.append_data_dir(str(tmp_path))
     yield
     datadir.set_data_dir(folders)
+    wgs84_from.cache_clear()  # else tests after these know the grid, until another thread looks for it
 
 
 @pytest.mark.usefixtures("geoid_grid")
