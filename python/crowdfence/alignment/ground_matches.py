@@ -83,6 +83,11 @@ class SeenGround:
         return points.reshape(*shape, 3)
 
     @cached_property
+    def _away_m(self) -> NDArray[np.float64]:
+        """How far `points` are [rows, columns]."""
+        return np.asarray(np.linalg.norm(self.points - self.pose[:3, 3], axis=-1))
+
+    @cached_property
     def corners(self) -> NDArray[np.float32]:
         """[N, 2] working pixels where the picture can be recognised, one in each tile: the strongest of a
         whole picture are all on people, trees and roofs, which are not on the map."""
@@ -102,18 +107,20 @@ class SeenGround:
     def sees(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Working pixels [N, 2] of world points [N, 3], and which of them nothing hides."""
         local = (points - self.pose[:3, 3]) @ self.pose[:3, :3]
-        pixels = self.frame.camera.project(np.nan_to_num(local, nan=-1.0)) * self.scale
-        pixels[~np.isfinite(local).all(axis=1) | (local[:, 2] <= 0)] = np.nan
+        ahead = np.flatnonzero(local[:, 2] > 0)
+        pixels = np.full((len(points), 2), np.nan)
+        pixels[ahead] = self.frame.camera.project(local[ahead]) * self.scale
         height, width = self.grey.shape
-        inside = (pixels[:, 0] >= 0) & (pixels[:, 0] < width) & (pixels[:, 1] >= 0) & (pixels[:, 1] < height)
-        rows, columns, _ = self.points.shape
-        column = np.clip(np.nan_to_num(pixels[:, 0]) / _STEP, 0, columns - 1).astype(int)
-        row = np.clip(np.nan_to_num(pixels[:, 1]) / _STEP, 0, rows - 1).astype(int)
-        nearest_m = np.linalg.norm(self.points[row, column] - self.pose[:3, 3], axis=1)
-        away_m = np.linalg.norm(local, axis=1)
-        with np.errstate(invalid="ignore"):
-            open_ = np.abs(away_m - nearest_m) < _HIDDEN_M + _HIDDEN_SHARE * away_m
-        return pixels, inside & open_
+        x, y = pixels.T
+        inside = np.flatnonzero((x >= 0) & (x < width) & (y >= 0) & (y < height))
+        rows, columns = self._away_m.shape
+        column = np.minimum((x[inside] / _STEP).astype(int), columns - 1)
+        row = np.minimum((y[inside] / _STEP).astype(int), rows - 1)
+        away_m = np.linalg.norm(local[inside], axis=1)
+        behind_m = np.abs(away_m - self._away_m[row, column])
+        open_ = np.zeros(len(points), np.bool_)
+        open_[inside] = behind_m < _HIDDEN_M + _HIDDEN_SHARE * away_m
+        return pixels, open_
 
 
 def working_picture(frame: Frame) -> NDArray[np.uint8]:
