@@ -194,7 +194,7 @@ def test_an_operator_closes_ground_and_says_why(console: Console, server: Server
     assert (entry["user"], entry["action"], entry["reason"]) == ("a-operator", "add", "ambulance at work")
 
 
-IS_COVERED = """(place, kind) => {
+IS_COVERED = """([place, kind]) => {
   const on = document.elementFromPoint(...place);
   return on.tagName !== "CANVAS" && !on.closest(`.${kind}-label`);
 }"""
@@ -206,7 +206,7 @@ def middle_of_a_label(console: Console, kind: str) -> tuple[float, float]:
         box = label.bounding_box()
         assert box is not None
         middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        if not console.page.evaluate(f"([place, kind]) => ({IS_COVERED})(place, kind)", [middle, kind]):
+        if not console.page.evaluate(IS_COVERED, [middle, kind]):
             return middle
     raise AssertionError(f"no label of a {kind} is free")
 

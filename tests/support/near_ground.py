@@ -10,6 +10,7 @@ import numpy as np
 
 import crowdfence
 from crowdfence import _core
+from crowdfence.octomap_frame import annotated, described
 
 _WHOLE = Path(crowdfence.__file__).parent / "demo_data" / "race.bt"
 _MIDDLE_M = (-625.0, 80.0)
@@ -25,13 +26,7 @@ def write_near_ground(folder: Path) -> Path:
 
 @cache
 def _near_ground() -> bytes:
-    whole = _WHOLE.read_bytes()
-    terrain = _core.Terrain.from_octomap(whole)
+    terrain = crowdfence.Terrain.open(_WHOLE)
     away_m = np.abs(terrain.voxel_centers(np.arange(terrain.voxel_count))[:, :2] - _MIDDLE_M)
-    near = _core.write_octomap_binary(terrain, np.flatnonzero((away_m < _REACH_M).all(axis=1)))
-    # Where it lies on Earth is said by comments in the header of the whole one.
-    comments = [
-        line for line in whole[:1000].split(b"\nid ")[0].split(b"\n") if line.startswith(b"# crowdfence")
-    ]
-    first, rest = near.split(b"\n", 1)
-    return b"\n".join([first, *comments, rest])
+    near = np.flatnonzero((away_m < _REACH_M).all(axis=1))
+    return annotated(_core.write_octomap_binary(terrain, near), described(terrain))

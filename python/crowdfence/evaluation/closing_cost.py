@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence.evaluation.safety import Cells, CrowdsInView, distance_m
+from crowdfence.evaluation.safety import Cells, CrowdsInView, distance_m, to_column
 
 BUFFER_M = 5.0
 _BINS = 1 << 16
@@ -72,5 +72,4 @@ def _highest_near(
 
 def _highest(score: NDArray[np.float64], aside: Cells, reach: float) -> float:
     """Of columns [C] so far aside [C, 2] whose edges lie within reach, in columns; -inf where none does."""
-    edges = np.maximum(np.abs(aside) - 0.5, 0.0)
-    return float(score[np.hypot(*edges.T) <= reach].max(initial=-np.inf))
+    return float(score[to_column(aside) <= reach].max(initial=-np.inf))

@@ -176,8 +176,13 @@ def distance_m(places: Cells, zone: Cells, size_m: float) -> NDArray[np.float64]
         return np.full(len(places), np.inf)
     count = min(_NEAREST, len(zone))
     _, nearest = cKDTree(zone).query(places, k=np.arange(1, count + 1))
-    apart = np.maximum(np.abs(zone[nearest] - places[:, None]) - 0.5, 0.0)
-    return np.asarray(np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) * size_m)
+    return np.asarray(to_column(zone[nearest] - places[:, None]).min(axis=1) * size_m)
+
+
+def to_column(aside: NDArray[np.int64]) -> NDArray[np.float64]:
+    """From places to columns whose middles lie so far aside [..., 2], 0 inside; in columns."""
+    apart = np.maximum(np.abs(aside) - 0.5, 0.0)
+    return np.asarray(np.hypot(apart[..., 0], apart[..., 1]))
 
 
 def near_columns(ground: ZoneGround, size_m: float) -> NearClosed:

@@ -97,8 +97,8 @@ class ServiceZones:
             anchor = scene["anchor"]
             if anchor is None:
                 raise ValueError("the mission has no place on Earth, so its zones cannot be sent")
-            has_begun = scene["first_stamp_ns"] is not None
-            self._scene = scene if has_begun and told.get("run") == scene.get("run") is not None else None
+            has_begun, says_run = scene["first_stamp_ns"] is not None, "run" in told
+            self._scene = scene if has_begun and says_run and told["run"] == scene.get("run") else None
             return PlacedZones(
                 (*_zones(one for one in told["zones"] if one["kind"] != "static"), *self._others(told)),
                 Georeference(anchor["latitude_deg"], anchor["longitude_deg"], anchor["height_m"]),
