@@ -15,7 +15,8 @@ import { boundsOf, contains, cornersOf, draped, groundOf, onMap, type Bounds } f
 import { listen } from "./gestures";
 import type { Heights } from "./heights";
 import { Kept } from "./kept";
-import { MOST_VERTICES, skirtMesh, terrainMesh, type Mesh } from "./terrain_mesh";
+import type { Renderer } from "./renderer";
+import { skirtMesh, terrainMesh, type Mesh } from "./terrain_mesh";
 import { UnlitMeshLayer } from "./unlit_mesh_layer";
 
 const ABOVE_GROUND_M = 0.7;
@@ -81,6 +82,7 @@ export class MapView {
   constructor(
     private readonly parent: HTMLDivElement,
     private readonly store: Store,
+    private readonly renderer: Renderer,
     private readonly onSelect: (selection: State["selection"]) => void,
   ) {
     this.seen = store.state;
@@ -91,6 +93,7 @@ export class MapView {
       controller: false,
       viewState: this.camera,
       layers: [],
+      deviceProps: { type: "webgl", webgl: { antialias: renderer.antialias } },
       useDevicePixels: Math.min(window.devicePixelRatio || 1, 2),
       style: { position: "absolute", inset: "0" },
       onResize: (size) => {
@@ -120,13 +123,6 @@ export class MapView {
     parent.addEventListener("webglcontextlost", lost, true); // of the canvas inside
     this.ended.push(() => parent.removeEventListener("webglcontextlost", lost, true));
     this.update(store.state);
-  }
-
-  /** Whether the browser draws in 3D at all, now: without a graphics card some do not, others not after a crash. */
-  static get isPossible(): boolean {
-    const context = document.createElement("canvas").getContext("webgl2");
-    context?.getExtension("WEBGL_lose_context")?.loseContext(); // browsers have a few at most
-    return context !== null;
   }
 
   end(): void {
@@ -295,7 +291,7 @@ export class MapView {
 
   private setGround(whole: Heights): void {
     const { rows, columns } = whole.frame;
-    const shown = whole.thinned(Math.ceil(Math.max(rows, columns) / MOST_VERTICES));
+    const shown = whole.thinned(Math.ceil(Math.max(rows, columns) / this.renderer.vertices));
     const [lowest, highest] = whole.range_m;
     const floor_m = lowest - Math.max(0.15 * (highest - lowest), 8);
     this.ground = {
@@ -410,7 +406,7 @@ export class MapView {
     const sheet = layers.base ? this.surroundings.sheet : null;
     const drawn: (Layer | null)[] = [
       sheet && new UnlitMeshLayer({ ...meters, id: "surroundings", data: [0], mesh: sheet.mesh as never, texture: sheet.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 2 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255] }),
-      new UnlitMeshLayer({ ...meters, id: "ground", data: [0], mesh: ground.mesh as never, texture: this.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: 8 } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255] }),
+      new UnlitMeshLayer({ ...meters, id: "ground", data: [0], mesh: ground.mesh as never, texture: this.texture as never, textureParameters: { minFilter: "linear", magFilter: "linear", mipmapFilter: "linear", maxAnisotropy: this.renderer.anisotropy } as never, getPosition: () => [0, 0, 0], getColor: [255, 255, 255] }),
       new UnlitMeshLayer({ ...meters, id: "skirt", data: [0], mesh: ground.skirt as never, getPosition: () => [0, 0, 0], getColor: [...palette.skirt, 255], parameters: { cullMode: "none" }, updateTriggers: { getColor: state.theme } }),
       layers.footprints ? this.paths("footprints", drones.filter((one) => one.footprint.length > 2), (one) => draped(one.footprint, ground.shown, ABOVE_GROUND_M), (one) => [...droneColour(palette, names, one.drone), standingOf(one) === "ok" ? 210 : 110], () => 1.5) : null,
       this.zoneLayer("own", own, ground.shown, chosen),

@@ -2,9 +2,6 @@
 
 import type { Heights } from "./heights";
 
-/** Vertices along the longer side: what software rendering still turns smoothly. */
-export const MOST_VERTICES = 300;
-
 export interface Mesh {
   attributes: Record<string, { value: Float32Array; size: number }>;
   indices: { value: Uint32Array; size: number };

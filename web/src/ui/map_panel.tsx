@@ -7,6 +7,7 @@ import type { Viewport } from "../map/camera";
 import { crossesItself, middleOf, ringArea } from "../map/geometry";
 import { byWeight, labelOffsets } from "../map/label_places";
 import { MapView, type Pointed } from "../map/map_view";
+import { renderer } from "../map/renderer";
 import { isNarrow, select } from "../state/session";
 import { standingOf } from "../state/standing";
 import { store, useStore, type State } from "../state/store";
@@ -38,13 +39,13 @@ export function MapPanel() {
   useEffect(() => {
     let timer: number | undefined;
     const begin = () => {
-      const blank = !MapView.isPossible;
-      store.set({ blank });
-      if (blank) {
+      const drawnBy = renderer();
+      store.set({ blank: drawnBy === null });
+      if (drawnBy === null) {
         timer = window.setTimeout(begin, DRAW_AGAIN_MS);
         return;
       }
-      const view = new MapView(parent.current!, store, select);
+      const view = new MapView(parent.current!, store, drawnBy, select);
       shown = view;
       view.onPoint = setPointed;
       view.onFrame = (viewport) => {
