@@ -6,8 +6,8 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 
 MISSIONS ?= out/missions
 
-.PHONY: help demo test test-rust test-python test-oldest test-newest test-training test-service-kill soak-service bench-service \
-	lint fuzz bench bench-rivals lock clean setup wheel setup-rivals setup-training stub opengl demo-recording detector paper \
+.PHONY: help demo test test-rust test-python test-oldest test-newest test-training test-service-kill soak-service \
+	bench-service toolchain check-rust lint-rust lint-python lint fuzz bench bench-rivals lock clean setup wheel setup-rivals setup-training stub opengl demo-recording detector paper \
 	cli-reference page test-page test-web chromium page-picture docs api-reference
 
 help:
@@ -16,7 +16,10 @@ help:
 demo: setup page ## fuse the bundled three-drone recording into out/demo/
 	$(BIN)/crowdfence demo -o out/demo --force
 
-test: lint test-rust test-web test-python ## everything CI runs
+# Two at a time: downloads, compilers and what reads the code would wait for each other. The tests of Python take both cores.
+test: ## everything CI runs
+	$(MAKE) --jobs 2 --output-sync=line check-rust lint-python test-web
+	$(MAKE) test-python
 
 # Others may use what lies at the other end of a link: it would be emptied, and its core would be the one of this folder.
 OWN_VENV = test ! -L $(VENV) || { echo "$(VENV) is a symbolic link, and what it leads to would be emptied or changed: \
@@ -24,15 +27,17 @@ OWN_VENV = test ! -L $(VENV) || { echo "$(VENV) is a symbolic link, and what it 
 
 setup: $(VENV)/.built ## virtual environment in .venv with the locked packages and the compiled core
 
-# Debian and Ubuntu ship Python without ensurepip; the package that carries it is installed only if missing.
-$(VENV)/.installed: requirements.txt
-	@$(OWN_VENV)
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "crowdfence needs Python >= 3.10; set PYTHON=/path/to/python3"; exit 1; }
+toolchain:
 	@command -v cargo >/dev/null || { echo "crowdfence needs a Rust toolchain (cargo); install one with rustup"; exit 1; }
-	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
-	  SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq python3-venv; }
 	@command -v cc >/dev/null || { \
 	  SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq gcc libc6-dev; }
+
+# Debian and Ubuntu ship Python without ensurepip; the package that carries it is installed only if missing.
+$(VENV)/.installed: requirements.txt | $(if $(wildcard $(VENV)/.installed),,toolchain)
+	@$(OWN_VENV)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "crowdfence needs Python >= 3.10; set PYTHON=/path/to/python3"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
+	  SUDO=$$([ "$$(id -u)" = 0 ] || echo sudo); $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq python3-venv; }
 	$(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.txt
 	@touch $@
@@ -47,10 +52,14 @@ wheel: setup page ## the package with core, models and map page, to install else
 	$(BIN)/maturin build --release --locked --quiet --out out/wheels
 	@ls out/wheels/*.whl
 
-lint: setup
+lint: lint-rust lint-python
+
+lint-rust: toolchain
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --quiet -p crowdfence --no-deps
+
+lint-python: setup
 	$(BIN)/ruff check python tests benchmarks crates paper
 	$(BIN)/ruff format --check python tests benchmarks crates paper
 	$(BIN)/mypy
@@ -58,8 +67,12 @@ lint: setup
 
 # Compiled in few large pieces: the painting of columns is one function for every vector width, which small pieces slow
 # down. Nobody steps through it, and lines of calls are a fifth of the work of compiling.
-test-rust:
+test-rust: toolchain
 	CARGO_INCREMENTAL=0 CARGO_PROFILE_DEV_DEBUG=0 cargo test --locked -p crowdfence
+
+# One after the other: they build in one folder.
+check-rust: lint-rust
+	$(MAKE) test-rust
 
 # The simulator renders through EGL; the two system packages are installed only if no context can be made.
 opengl: setup
