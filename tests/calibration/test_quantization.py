@@ -8,6 +8,7 @@ import numpy as np
 import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
+from PIL import Image
 
 from crowdfence import Detector, open_recording
 from crowdfence.calibration.quantization import quantize_model
@@ -240,6 +241,23 @@ def test_pictures_that_cannot_be_read_are_told_and_not_counted(
         picture.write_bytes(b"no picture")
     with pytest.raises(ValueError, match=r"none of 3 pictures can be read, the last: data: "):
         quantize_model(detector, model, [data], tmp_path / "int8.onnx", pictures=3)
+
+
+def test_pictures_of_several_sizes(model: Path, tmp_path: Path) -> None:
+    """As photographs have them. Eight bits reach up to the brightest of those that tell the ranges, the first
+    and the last, to within one of the runtime's 2048 bins on both sides of zero."""
+    marked = []
+    for level, width, height in ((90, 64, 48), (255, 32, 32), (180, 52, 100)):
+        path = tmp_path / f"{len(marked)}.png"
+        Image.new("RGB", (width, height), (level, level, level)).save(path)
+        marked.append(AnnotatedPicture(path, width, height, np.empty((0, 4)), (rectangle(0, 0, 9, 9),)))
+    write_coco(marked, tmp_path / ANNOTATIONS)
+    told = quantize_model(Detector(model, contract()), model, [tmp_path], tmp_path / "int8.onnx", pictures=2)
+    assert (told.pictures, told.refused) == (2, ())
+    written, given = (onnx.load(path).graph.initializer for path in (tmp_path / "int8.onnx", model))
+    step = next(float(numpy_helper.to_array(one)) for one in written if one.name == "b_scale")
+    brightest = (numpy_helper.to_array(given[0]).sum(axis=(1, 2, 3)) * 180 / 255).max()
+    assert step * 255 == pytest.approx(brightest, rel=2 / 2048)
 
 
 def test_a_model_that_needs_metres_per_pixel(model: Path, recording: Path, tmp_path: Path) -> None:

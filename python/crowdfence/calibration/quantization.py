@@ -96,9 +96,9 @@ def quantize_model(
     unread: dict[str, None] = {}
     frames = _spread(data, 2 * pictures)
     ranges, judges = frames[::2], frames[1::2] or frames[:1]
-    tensors = _tensors(ranges, detector.contract, on_picture, unread)
-    quantized = _quantized(model, tensors, in_eight_bits(detector.contract))
-    used = len(ranges) - len(unread)
+    shown = [*_images(ranges, on_picture, unread)]
+    quantized = _quantized(model, _Reader(shown, detector.contract), in_eight_bits(detector.contract))
+    used = len(shown)
     why_not, warnings, refused = None, tuple[str, ...](), tuple[str, ...]()
     with atomic_path(output) as temporary:
         temporary.write_bytes(quantized.SerializeToString())
@@ -166,22 +166,7 @@ def _images(
         raise ValueError(f"none of {len(chosen)} pictures can be read, the last: {reason}")
 
 
-def _tensors(
-    chosen: Sequence[_Chosen],
-    contract: Contract,
-    on_picture: Callable[[], None],
-    unread: dict[str, None],
-) -> Iterator[dict[str, NDArray[np.generic]]]:
-    """What the model is shown of each picture."""
-    tensor = InputTensor(contract.input)
-    for image in _images(chosen, on_picture, unread):
-        for patch in patches(image.shape[0], image.shape[1], contract.input, contract.output.stride):
-            yield {contract.input.name: tensor(patch_pixels(image, patch)[None])}
-
-
-def _quantized(
-    model: Path, tensors: Iterator[dict[str, NDArray[np.generic]]], contract: Contract
-) -> ModelProto:
+def _quantized(model: Path, pictures: _Reader, contract: Contract) -> ModelProto:
     import onnx
     from onnxruntime.quantization import CalibrationMethod, QuantFormat, QuantType, quantize_static
     from onnxruntime.quantization.shape_inference import quant_pre_process
@@ -197,7 +182,7 @@ def _quantized(
             quantize_static(
                 str(prepared),
                 str(written),
-                _Reader(tensors),
+                pictures,
                 quant_format=QuantFormat.QDQ,
                 op_types_to_quantize=list(QUANTIZED),
                 nodes_to_exclude=_kept_in_floating_point(onnx.load(str(prepared))),
@@ -206,6 +191,7 @@ def _quantized(
                 activation_type=QuantType.QUInt8,
                 weight_type=QuantType.QInt8,
                 calibrate_method=CalibrationMethod.Percentile,
+                extra_options={"CalibStridedMinMax": 1},  # inputs at a time, of any method
             )
         quantized = onnx.load(str(written))
     if not any(node.op_type == "QuantizeLinear" for node in quantized.graph.node):
@@ -220,13 +206,27 @@ def _quantized(
 
 
 class _Reader:
-    """In the form that the runtime asks for: one input after the other, then None."""
+    """What the model is shown of each picture, in the form that the runtime asks for. It asks for one after
+    the other: what it looks at together must have one size, and all that layers make of it is in memory."""
 
-    def __init__(self, tensors: Iterator[dict[str, NDArray[np.generic]]]) -> None:
-        self._tensors = tensors
+    def __init__(self, pictures: Sequence[Image], contract: Contract) -> None:
+        self._name, self._tensor = contract.input.name, InputTensor(contract.input)
+        self._shown = [
+            (picture, patch)
+            for picture in pictures
+            for patch in patches(picture.shape[0], picture.shape[1], contract.input, contract.output.stride)
+        ]
+        self.set_range(0, len(self))
+
+    def __len__(self) -> int:
+        return len(self._shown)
+
+    def set_range(self, start_index: int, end_index: int) -> None:
+        self._left = iter(self._shown[start_index:end_index])
 
     def get_next(self) -> dict[str, NDArray[np.generic]] | None:
-        return next(self._tensors, None)
+        shown = next(self._left, None)
+        return shown and {self._name: self._tensor(patch_pixels(*shown)[None])}
 
 
 def _require_floating_point(model: ModelProto) -> None:
