@@ -31,15 +31,17 @@ CHANNELS = 8
 MODELS = COMBINATIONS.parent
 
 
-def write_convolutions(path: Path, bias: float = 0.0) -> Path:
+def write_convolutions(path: Path, bias: float = 0.0, loud: float = 1.0) -> Path:
     """Three convolutions: the cells of 4 x 4 pixels, 8 channels on 8, and the logits, to which `bias` is
-    added."""
+    added. The third channel is `loud` times as strong behind the first, which the second makes up for."""
     rng = np.random.default_rng(3)
     weights = {
         "first": rng.normal(0, 0.3, (CHANNELS, 3, 4, 4)),
         "middle": rng.normal(0, 0.5, (CHANNELS, CHANNELS, 1, 1)),
         "last": rng.normal(0, 0.5, (1, CHANNELS, 1, 1)),
     }
+    weights["first"][2] *= loud
+    weights["middle"][:, 2] /= loud
     constants = {**weights, "full": np.array(255.0), "bias": np.array([bias])}
     nodes = [
         helper.make_node("Cast", ["image"], ["float"], name="cast", to=TensorProto.FLOAT),
@@ -241,6 +243,20 @@ def test_pictures_that_cannot_be_read_are_told_and_not_counted(
         picture.write_bytes(b"no picture")
     with pytest.raises(ValueError, match=r"none of 3 pictures can be read, the last: data: "):
         quantize_model(detector, model, [data], tmp_path / "int8.onnx", pictures=3)
+
+
+def test_eight_bits_that_make_another_model_of_it_are_told(recording: Path, tmp_path: Path) -> None:
+    """Steps that reach up to a channel which is a million times as strong as the others leave nothing of
+    those; in floating point it is the same model."""
+    told = {}
+    for loud in (1.0, 1e6):
+        source = write_convolutions(tmp_path / "float.onnx", bias=-0.2, loud=loud)
+        detector = Detector(source, contract())
+        told[loud] = quantize_model(detector, source, [recording], tmp_path / "int8.onnx", pictures=4)
+    assert told[1.0].agreement > 0.9 and told[1.0].warnings == ()
+    (warning,) = told[1e6].warnings
+    assert told[1e6].agreement < 0.8
+    assert warning.startswith("in eight bits it is another model: ") and "model evaluate" in warning
 
 
 def test_pictures_of_several_sizes(model: Path, tmp_path: Path) -> None:

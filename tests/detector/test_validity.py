@@ -206,6 +206,20 @@ def test_rates_that_were_measured_in_another_setting() -> None:
     assert finer.endswith("were measured with voxels of 0.5 m; this run has voxels of 0.25 m")
 
 
+@pytest.mark.parametrize("weighed_as", [None, "x"])
+def test_rates_of_the_model_in_floating_point(weighed_as: str | None) -> None:
+    """`model quantize` keeps them where it cannot measure those in eight bits."""
+    rates = {**RATES, "likelihood_ratio": {}, "arithmetic": "float32"}
+    stated = replace(CONTRACT, calibration={}, validity=Validity(), rates=rates, about={"arithmetic": "int8"})
+    expected = (
+        "the rates of net were measured with the model in floating point; this run has it in eight bits"
+    )
+    given = {**HERE, "rates_given": False, "weighed_as": weighed_as}
+    assert statement_warnings(stated, **given) == [expected]
+    for own in (replace(stated, rates={**rates, "arithmetic": "int8"}), replace(stated, about=None)):
+        assert statement_warnings(own, **given) == []
+
+
 def test_rates_without_a_surface_are_of_voxels() -> None:
     """They are from before there was another one."""
     old = {key: value for key, value in RATES.items() if key != "surface"}

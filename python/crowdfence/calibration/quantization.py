@@ -44,6 +44,8 @@ MIN_OPSET = 13
 """From here on DequantizeLinear has steps for each channel."""
 PICTURES = 64
 CALLED = 0.5
+ALIKE = 0.8
+"""Of the cells that either model calls crowd; where they agree on less the one in eight bits is another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +66,8 @@ class Quantization:
     rates_not_measured: str | None
     """Why they are those in floating point, or none."""
     warnings: tuple[str, ...]
-    """What is doubtful about rates that were measured anew, as of `calibrate_model`."""
+    """That it finds other crowds than before, and what is doubtful about rates that were measured anew, as of
+    `calibrate_model`."""
     refused: tuple[str, ...]
     """Pictures that could not be used, and why."""
 
@@ -123,7 +126,7 @@ def quantize_model(
         (model.stat().st_size, output.stat().st_size),
         contract.rates and {name: contract.rates[name] for name in told if name in contract.rates},
         why_not,
-        warnings,
+        (*_of_another_model(agreement), *warnings),
         tuple(dict.fromkeys([*unread, *refused])),
     )
 
@@ -285,6 +288,15 @@ def _judged(
         difference += float(np.abs(maps[0] - maps[1]).sum())
         cells += maps[0].size
     return both / either if either else np.nan, difference / max(cells, 1), cpu_ms
+
+
+def _of_another_model(agreement: float) -> Iterator[str]:
+    if agreement < ALIKE:  # False for NaN
+        yield (
+            "in eight bits it is another model: of the cells that either calls crowd both call "
+            f"{agreement:.0%}. What was measured in floating point, such as its calibration, is not true of "
+            "it; judge it (model evaluate) before it flies"
+        )
 
 
 def _cpu_ms(detector: Detector, image: Image, gsd_m: float | None, runs: int = 5) -> float:

@@ -183,6 +183,8 @@ def statement_warnings(
         ratio = voxel_size_m / measured_m
         if max(ratio, 1 / ratio) > MOST_VOXEL_RATIO:
             differences.append((f"voxels of {measured_m:g} m", f"voxels of {voxel_size_m:g} m"))
+    if (rates.get("arithmetic"), (contract.about or {}).get("arithmetic")) == ("float32", "int8"):
+        differences.append(("the model in floating point", "it in eight bits"))
     # Rates that name no surface are from before there was another one than the voxels.
     for key, used, unnamed in (
         ("b_threshold", b_threshold, b_threshold),
