@@ -82,8 +82,8 @@ def detect_pictures(
     """
     _require_place(folder, source, replace_existing=replace_existing)
     frames, skipped, watch = 0, list[SkippedPicture](), PictureWatch(detector.contract)
-    largest = (0, 0)
-    """Width and height of a picture."""
+    sizes: set[tuple[int, int]] = set()
+    """Widths and heights."""
     with ExitStack() as stack:
         heatmaps = stack.enter_context(HeatmapFolder(folder, replace=replace_existing))
         film = stack.enter_context(VideoWriter(folder / OVERLAY)) if video else None
@@ -94,7 +94,7 @@ def detect_pictures(
             else:
                 picture, heatmap = found
                 unlike = watch.look(_label(picture), picture.rgb)
-                largest = max(largest, picture.rgb.shape[1::-1])
+                sizes.add((picture.rgb.shape[1], picture.rgb.shape[0]))
                 watch.answered(heatmap)
                 heatmaps.add(picture.number, picture.name, picture.time_s, heatmap, unlike_tested=unlike)
                 if film is not None:
@@ -111,7 +111,7 @@ def detect_pictures(
     models = [member.contract for member in detector.members] or [detector.contract]
     warnings = (
         *_unknown_scale(detector, gsd_m),
-        *shrunk_warnings(models, *largest, gsd_m),
+        *shrunk_warnings(models, sizes, gsd_m),
         *combination_warnings(detector.contract),
         *watch.warnings,
     )

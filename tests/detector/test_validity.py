@@ -16,6 +16,7 @@ from crowdfence.detector.validity import (
     check_ranges,
     sample_flight,
     shrunk_warning,
+    shrunk_warnings,
     silence_warning,
     statement_warnings,
 )
@@ -177,6 +178,14 @@ def test_pictures_that_a_model_sees_far_smaller_than_they_are(
         assert (
             f"1920 x 1080 pixels shrunk to {shown}, half of the ground at 0.15 m a pixel or more" in warning
         )
+
+
+def test_of_pictures_of_several_sizes_those_that_are_shown_smallest_are_told() -> None:
+    """640 of 2400 rows are more than a quarter, 640 of 1200 columns more than a half."""
+    contract = replace(CONTRACT, input=replace(CONTRACT.input, resize="letterbox", size=(640, 640)))
+    (warning,) = shrunk_warnings([contract], {(1200, 900), (600, 2400), (100, 100)})
+    assert "600 x 2400 pixels shrunk to 160 x 640" in warning
+    assert shrunk_warnings([contract], {(1200, 900), (100, 100)}) == []
 
 
 def test_a_method_that_weighs_looks_asks_for_likelihood_ratios_and_not_for_options_that_it_refuses() -> None:

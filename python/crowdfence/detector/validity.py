@@ -6,7 +6,7 @@ Nothing is refused for that: a warning states the share of the ground that it co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -206,12 +206,7 @@ def shrunk_warning(contract: Contract, width: int, height: int, gsd_m: float | N
     """One sentence where pictures of `width` x `height` pixels are shrunk to the one size that a model takes:
     people whom it would find at theirs are nobody then, and their ground is called empty. `gsd_m`: metres per
     pixel that half of the ground in these pictures has at most."""
-    resize, size = contract.input.resize, contract.input.size
-    if size is None or resize not in ("stretch", "letterbox"):
-        return None
-    across, down = size[0] / width, size[1] / height
-    if resize == "letterbox":
-        across = down = min(across, down)
+    across, down = _shown_at(contract, width, height)
     if min(across, down) >= MOST_SHRUNK:
         return None
     ground = (
@@ -225,11 +220,24 @@ def shrunk_warning(contract: Contract, width: int, height: int, gsd_m: float | N
 
 
 def shrunk_warnings(
-    contracts: Sequence[Contract], width: int, height: int, gsd_m: float | None = None
+    contracts: Sequence[Contract], sizes: Collection[tuple[int, int]], gsd_m: float | None = None
 ) -> list[str]:
-    """The same of several models that look together."""
-    told = (shrunk_warning(contract, width, height, gsd_m) for contract in contracts)
+    """The same of several models that look together at pictures of these sizes: each of those that it is
+    shown smallest, which need not be the largest ones."""
+    told = (
+        shrunk_warning(contract, *min(sizes, key=lambda size: min(_shown_at(contract, *size))), gsd_m)
+        for contract in contracts
+    )
     return [text for text in told if text is not None]
+
+
+def _shown_at(contract: Contract, width: int, height: int) -> tuple[float, float]:
+    """Pixels that a model sees for one of a picture, across and down."""
+    resize, size = contract.input.resize, contract.input.size
+    if size is None or resize not in ("stretch", "letterbox"):
+        return 1.0, 1.0
+    across, down = size[0] / width, size[1] / height
+    return (across, down) if resize == "stretch" else (min(across, down), min(across, down))
 
 
 def silence_warning(contract: Contract) -> str | None:

@@ -95,13 +95,13 @@ class HeatmapSource:
             for finished in begun:
                 yield finished()
 
-    def shrunk(self, width: int, height: int, gsd_m: float | None = None) -> list[str]:
-        """What is said where models see pictures of this size far smaller than they are."""
+    def shrunk(self, sizes: Collection[tuple[int, int]], gsd_m: float | None = None) -> list[str]:
+        """What is said where models see pictures of these widths and heights far smaller than they are."""
         from crowdfence.detector.validity import shrunk_warnings
 
         alone = [] if self.contract is None else [self.contract]
         contracts = [member.contract for member in self.members] or alone
-        return shrunk_warnings(contracts, width, height, gsd_m)
+        return shrunk_warnings(contracts, sizes, gsd_m)
 
     def far_looks(self) -> FarLooks:
         """For one flight."""

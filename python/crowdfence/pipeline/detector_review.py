@@ -57,9 +57,9 @@ def review_flight(
         flight = sample_flight(recording.frames, terrain, max_range_m=max_range_m)
         ranges = check_ranges(heatmaps.contract, flight)
         median_m = float(np.median(flight.gsd_m)) if ranges else None
-    largest = max((frame.camera.width, frame.camera.height) for frame in recording.frames)
+    sizes = {(frame.camera.width, frame.camera.height) for frame in recording.frames}
     outside = (warning for check in ranges for warning in check.warnings(heatmaps.contract.name))
-    return DetectorReview(ranges, [*heatmaps.shrunk(*largest, median_m), *outside])
+    return DetectorReview(ranges, [*heatmaps.shrunk(sizes, median_m), *outside])
 
 
 def review_statement(contract: Contract, layer: str, terrain: Terrain, *configs: RunConfig) -> list[str]:

@@ -334,7 +334,7 @@ class Watch:
             last = fleet.last(drone)
             if last is None or not last.picture:
                 continue
-            told = heatmaps.shrunk(last.camera.width, last.camera.height)
+            told = heatmaps.shrunk([(last.camera.width, last.camera.height)])
             self._set(bool(told), "shrunk_pictures", "warning", f"{drone}: {'; '.join(told)}", drone=drone)
 
     def _no_ground(self) -> None:
