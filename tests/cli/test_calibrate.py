@@ -209,6 +209,7 @@ def test_one_mission_gives_a_temperature_and_warnings(data: list[Path], tmp_path
     done = calibrate(noisy_model(tmp_path / "m.onnx", sharpness=4.0), data[:1], tmp_path / "out.onnx")
     assert done.returncode == 0, done.stderr
     assert "only a temperature was fitted" in done.stderr and "one mission only" in done.stderr
+    assert "no picture of a flight will be told to be unlike them" in done.stderr.replace("\n", " ")
     assert (Detector(tmp_path / "out.onnx").contract.calibration or {})["temperature"] > 1.5
 
 
@@ -326,6 +327,30 @@ def test_a_correction_that_finds_fewer_people_says_so(tmp_path: Path) -> None:
     warnings = json.loads(done.stdout)["warnings"]
     assert any("call 0.0% of the crowd cells, the model's own 100.0%" in warning for warning in warnings)
     assert "finds fewer people" in done.stderr.replace("\n", " ")
+
+
+def test_what_the_model_stated_and_the_calibrated_one_does_not_is_told(
+    calibrated: tuple[Path, Path, dict], tmp_path: Path
+) -> None:
+    """Rates, and what tested pictures look like: two pictures without a map measure neither anew."""
+    _, output, report = calibrated
+    assert not any("left out" in one or "unlike them" in one for one in report["warnings"])
+    stated = Detector(output).contract
+    assert stated.rates is not None and stated.pictures is not None
+    folders = [tmp_path / name for name in ("a", "b")]
+    for number, folder in enumerate(folders):
+        folder.mkdir()
+        pixels = np.random.default_rng(number).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+        Image.fromarray(pixels).save(folder / "a.png")
+        crowd = rectangle(0.0, 0.0, WIDTH / 2.0, HEIGHT)
+        marked = AnnotatedPicture(folder / "a.png", WIDTH, HEIGHT, np.empty((0, 4)), (crowd,))
+        write_coco([marked], folder / ANNOTATIONS)
+    done = calibrate(output, folders, tmp_path / "again.onnx", "--json")
+    assert done.returncode == 0, done.stderr
+    again, warnings = Detector(tmp_path / "again.onnx").contract, json.loads(done.stdout)["warnings"]
+    assert again.rates is None and again.pictures is None
+    for words in ("those that it stated, of other heatmaps, are left out", "told to be unlike them"):
+        assert len([one for one in warnings if one.endswith(words)]) == 1, words
 
 
 def test_a_correction_that_keeps_one_half_says_nothing_of_people(calibrated: tuple[Path, Path, dict]) -> None:

@@ -136,7 +136,7 @@ def calibrate_model(
         after,
         frames,
         tuple(missions.refused),
-        tuple(_warnings(calibration, measured, missions)),
+        tuple(_warnings(contract, completed, calibration, measured, missions)),
     )
 
 
@@ -180,7 +180,13 @@ def _before_and_after(
     return raw, mission.heatmap(written, frame, plan.max_range_m)
 
 
-def _warnings(calibration: Calibration, measured: PassResult, missions: LabelledMissions) -> Iterator[str]:
+def _warnings(
+    before: Contract,
+    completed: Contract,
+    calibration: Calibration,
+    measured: PassResult,
+    missions: LabelledMissions,
+) -> Iterator[str]:
     if calibration.after is None:
         yield (
             "crowd in fewer than two missions: only a temperature was fitted, and no mission held out "
@@ -193,9 +199,15 @@ def _warnings(calibration: Calibration, measured: PassResult, missions: Labelled
     if measured.rates:
         yield from of_few_looks(measured.rates[-1])
     if not measured.rates:
-        yield "no recording comes with a map: no rates per voxel observation were measured"
+        left_out = ", and those that it stated, of other heatmaps, are left out" if before.rates else ""
+        yield f"no recording comes with a map: no rates per voxel observation were measured{left_out}"
     elif measured.without_map:
         yield f"without a map, not part of the rates: {', '.join(measured.without_map)}"
+    if completed.pictures is None:
+        yield (
+            "too few pictures, or only one mission, to say what those look like that it was tested on: no "
+            "picture of a flight will be told to be unlike them"
+        )
 
 
 def _of_chance(after: Quality) -> Iterator[str]:
