@@ -16,6 +16,8 @@ from crowdfence.evaluation.labelled_missions import (
     frames_looked_at,
     open_labelled,
 )
+from crowdfence.labelled_pictures.annotated_picture import AnnotatedPicture, rectangle
+from crowdfence.labelled_pictures.coco import ANNOTATIONS, write_coco
 from crowdfence.sources.convert import convert
 from support.foreign_recordings import write_photographs
 from support.small_recordings import flight, ground, write_airsim, write_hovering
@@ -79,6 +81,24 @@ def test_people_beside_the_map_of_a_mission_are_told(tmp_path: Path) -> None:
     missions = LabelledMissions([folder], MeasurementPlan(), lambda: None)
     list(missions.opened(with_maps=True))
     assert [one for one in missions.doubts if "mission: everybody recorded in mission stands beside" in one]
+
+
+def test_a_picture_that_is_in_two_folders_is_refused(tmp_path: Path) -> None:
+    """The second of three is the third of four, under another name; first, middle and last ones differ."""
+    for name, levels in (("all", (10, 20, 30)), ("some", (40, 50, 20, 60)), ("more", (70,))):
+        (tmp_path / name).mkdir()
+        marked = []
+        for number, level in enumerate(levels):
+            path = tmp_path / name / f"{name}-{number}.png"
+            Image.new("RGB", (64, 48), (level, 0, 0)).save(path)
+            marked.append(AnnotatedPicture(path, 64, 48, np.empty((0, 4)), (rectangle(0, 0, 9, 9),)))
+        write_coco(marked, tmp_path / name / ANNOTATIONS)
+    missions = LabelledMissions([tmp_path / "all", tmp_path / "some"], MeasurementPlan(), lambda: None)
+    with pytest.raises(ValueError, match=r"some holds a picture of all, some-2\.png: it would count double"):
+        list(missions.opened(with_maps=False))
+    apart = LabelledMissions([tmp_path / "all", tmp_path / "more"], MeasurementPlan(), lambda: None)
+    for _ in range(2):  # every pass opens them anew
+        assert [one.name for one in apart.opened(with_maps=False)] == ["all", "more"]
 
 
 @pytest.mark.parametrize("how", ["copied", "converted"])

@@ -106,6 +106,8 @@ class LabelledMissions:
         """What is doubtful about the recordings and the maps that were opened, in order, each once."""
         self._name_of: dict[tuple[bytes, ...], str] = {}
         """Of the missions that were opened, by some of their pictures."""
+        self._first_of: dict[bytes, str] = {}
+        """Of annotated pictures that were opened, by each of them."""
         self._first_with: dict[str, str] = {}
         """The first mission of each kind of truth of voxels."""
 
@@ -115,7 +117,7 @@ class LabelledMissions:
         for path, name in zip(self.paths, mission_names(self.paths), strict=True):
             if is_labelled_pictures(path):
                 pictures = open_labelled_pictures(path)
-                self._require_new(name, pictures.recording)
+                self._require_new_pictures(name, pictures.recording)
                 self.doubts |= {f"{name}: {warning}": None for warning in pictures.recording.warnings}
                 yield LabelledMission(
                     name, pictures.recording, None, pictures.crowd, pictures.ignored, True, pictures.gsd_m
@@ -141,6 +143,21 @@ class LabelledMissions:
                 f"{name} holds the pictures of {other}: they would count double, and vouch for themselves; "
                 "leave one out"
             )
+
+    def _require_new_pictures(self, name: str, recording: Recording) -> None:
+        """The same of folders of pictures, of which people put some into several."""
+        if name in self._first_of.values():
+            return  # by the pass before
+        for frame in recording.frames:
+            try:
+                other = self._first_of.setdefault(sha256(frame.encoded_image()).digest(), name)
+            except FrameError:
+                continue
+            if other != name:
+                raise ValueError(
+                    f"{name} holds a picture of {other}, {frame.drone}: it would count double, and vouch for "
+                    "itself; leave one out"
+                )
 
     def _terrain(self, name: str, recording: Recording) -> Terrain | None:
         from crowdfence.pipeline import check_overlap, read_map
