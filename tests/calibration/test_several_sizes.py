@@ -24,9 +24,9 @@ SIZES = {"without_gsd": [1.0, 0.5], "weights": [1.5, 0.5], "bias": -1.0}
 """Plain pictures have the same logit z at both sizes; joined they have 2 z - 1."""
 
 
-def plain(level: int) -> np.ndarray:
-    """One level of red, which is all that the model sees."""
-    image = np.random.default_rng(level).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+def plain(level: int, place: str = "") -> np.ndarray:
+    """One level of red, which is all that the model sees; the other colours are those of a `place`."""
+    image = np.random.default_rng([level, *place.encode()]).integers(0, 256, (64, 64, 3), dtype=np.uint8)
     image[..., 0] = level
     return image
 
@@ -37,7 +37,7 @@ def labelled(folder: Path, levels: list[tuple[int, bool]]) -> Path:
     pictures = []
     for number, (level, is_crowd) in enumerate(levels):
         place = folder / f"{number}.png"
-        Image.fromarray(plain(level)).save(place)
+        Image.fromarray(plain(level, folder.name)).save(place)
         crowds = (rectangle(0.0, 0.0, 63.0, 63.0),) if is_crowd else ()
         pictures.append(AnnotatedPicture(place, 64, 64, np.empty((0, 4)), crowds))
     write_coco(pictures, folder / ANNOTATIONS)
