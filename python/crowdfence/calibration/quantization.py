@@ -99,9 +99,9 @@ def quantize_model(
     unread: dict[str, None] = {}
     frames = _spread(data, 2 * pictures)
     ranges, judges = frames[::2], frames[1::2] or frames[:1]
-    shown = [*_images(ranges, on_picture, unread)]
-    quantized = _quantized(model, _Reader(shown, detector.contract), in_eight_bits(detector.contract))
-    used = len(shown)
+    readable = [(frame, image.shape) for frame, image in _pictures(ranges, on_picture, unread)]
+    used = len(readable)
+    quantized = _quantized(model, _Reader(readable, detector.contract), in_eight_bits(detector.contract))
     why_not, warnings, refused = None, tuple[str, ...](), tuple[str, ...]()
     with atomic_path(output) as temporary:
         temporary.write_bytes(quantized.SerializeToString())
@@ -151,14 +151,14 @@ def _spread(data: Sequence[Path], count: int) -> list[_Chosen]:
     return chosen
 
 
-def _images(
+def _pictures(
     chosen: Sequence[_Chosen], on_picture: Callable[[], None], unread: dict[str, None]
-) -> Iterator[Image]:
+) -> Iterator[tuple[Frame, Image]]:
     """Those that can be read; into `unread` why others cannot. ValueError where none can."""
     read, reason = 0, ""
     for mission, frame in chosen:
         try:
-            yield frame.image()
+            yield frame, frame.image()
             read += 1
         except FrameError as error:
             reason = f"{mission}: {RefusedFrame(frame.drone, frame.stamp_ns, error.reason)}"
@@ -210,15 +210,18 @@ def _quantized(model: Path, pictures: _Reader, contract: Contract) -> ModelProto
 
 class _Reader:
     """What the model is shown of each picture, in the form that the runtime asks for. It asks for one after
-    the other: what it looks at together must have one size, and all that layers make of it is in memory."""
+    the other: what it looks at together must have one size, and all that layers make of it is in memory. So
+    are pictures, decoded when they are asked for."""
 
-    def __init__(self, pictures: Sequence[Image], contract: Contract) -> None:
+    def __init__(self, pictures: Sequence[tuple[Frame, tuple[int, ...]]], contract: Contract) -> None:
+        """`pictures` with their shapes."""
         self._name, self._tensor = contract.input.name, InputTensor(contract.input)
         self._shown = [
-            (picture, patch)
-            for picture in pictures
-            for patch in patches(picture.shape[0], picture.shape[1], contract.input, contract.output.stride)
+            (frame, patch)
+            for frame, (height, width, *_) in pictures
+            for patch in patches(height, width, contract.input, contract.output.stride)
         ]
+        self._decoded: tuple[Frame, Image] | None = None
         self.set_range(0, len(self))
 
     def __len__(self) -> int:
@@ -228,8 +231,11 @@ class _Reader:
         self._left = iter(self._shown[start_index:end_index])
 
     def get_next(self) -> dict[str, NDArray[np.generic]] | None:
-        shown = next(self._left, None)
-        return shown and {self._name: self._tensor(patch_pixels(*shown)[None])}
+        for frame, patch in self._left:
+            if self._decoded is None or self._decoded[0] is not frame:
+                self._decoded = frame, frame.image()
+            return {self._name: self._tensor(patch_pixels(self._decoded[1], patch)[None])}
+        return None
 
 
 def _require_floating_point(model: ModelProto) -> None:
@@ -275,7 +281,7 @@ def _judged(
     difference = 0.0
     cpu_ms = (np.inf, np.inf)
     gsd_m = ASSUMED_GSD_M if before.needs_gsd else None
-    for image in _images(judges, on_picture, unread):
+    for _, image in _pictures(judges, on_picture, unread):
         maps = before(image, gsd_m, as_it_is=True), after(image, gsd_m, as_it_is=True)
         cpu_ms = (
             cpu_ms
