@@ -137,6 +137,30 @@ def test_what_a_map_does_to_zones_is_told_as_by_run(
 
 
 @pytest.mark.parametrize(
+    ("how", "is_told"),
+    [
+        (["--origin", ORIGIN], True),  # poses over HTTP count from there, above the ellipsoid
+        (["--assume-local"], False),  # and here from the map's own lowest height, whatever that counts from
+        (["--origin", ORIGIN, "--mavlink", "uav1=udp:127.0.0.1:0"], False),  # above the take-off
+        (["--origin", ORIGIN, "--mavlink", "uav1=udp:127.0.0.1:0", "--heights", "sea"], True),
+        (["--assume-local", "--mavlink", "uav1=udp:127.0.0.1:0", "--heights", "sea"], True),
+        (["--origin", ORIGIN, "--terrain-option", "height_offset_m=48"], False),
+    ],
+)
+def test_a_map_that_names_no_geoid_is_told_live_where_heights_of_poses_are_absolute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: list[str], is_told: bool
+) -> None:
+    """As `run` tells it: heights of such a map mostly count from the sea, and what was seen lay tens of
+    metres off without a word."""
+    monkeypatch.setattr(server, "serve", lambda *_: None)
+    words = ["serve", "--terrain", str(write_level_ground(tmp_path / "g.tif")), "--voxel-size-m", "4"]
+    words += ["--data", str(tmp_path / "live"), *how]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert ("g.tif names no geoid that its heights count from" in done.stderr) == is_told
+
+
+@pytest.mark.parametrize(
     ("views", "doubts"),
     [("recorded", (OTHER_VOXELS, "tilt below the horizon: 1.5% of")), ("live", (OTHER_VOXELS, COARSE))],
 )
@@ -160,6 +184,7 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
         ground = write_level_ground(tmp_path / "g.tif")
         done = crowdfence(
             *("serve", "--terrain", ground, "--origin", ORIGIN, "--voxel-size-m", 2),
+            *("--terrain-option", "height_offset_m=0"),
             *("--data", tmp_path / "data", "--port", port),
         )
     errors = [line for line in done.stderr.splitlines() if not line.startswith("INFO")]

@@ -37,6 +37,7 @@ def serving(folder: Path, *arguments: object) -> Iterator[Served]:
     """Live views of any stamp, until the block ends; what it logs is in `log`."""
     words = ["serve", "--terrain", write_level_ground(folder / "ground.tif"), "--voxel-size-m", 1]
     words += ["--origin", ORIGIN, "--data", folder / "data", "--clock", "views", "--port", 0, "--json"]
+    words += ["--terrain-option", "height_offset_m=0"]  # it counts from the ellipsoid
     log = folder / "log"
     with log.open("w") as errors:
         process = subprocess.Popen(

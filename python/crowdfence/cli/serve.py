@@ -253,15 +253,19 @@ def _live(
     chosen: dict[str, Any], config: RunConfig, access: Access, settings: ServiceSettings
 ) -> Iterator[Service]:
     from crowdfence.pipeline import named_detector, review_statement
-    from crowdfence.pipeline.terrain import read_map_for_live_views
+    from crowdfence.pipeline.terrain import level_doubt, read_map_for_live_views
     from crowdfence.service.opening import live
     from crowdfence.sources.layers import CROWD
 
     if chosen["terrain"] is None:
         raise ValueError("live views need a map: give one with --terrain (or name a recording to replay)")
-    ground = read_map_for_live_views(chosen["terrain"], **map_options(chosen))
+    how = map_options(chosen)
+    ground = read_map_for_live_views(chosen["terrain"], **how)
     _warn_of(*ground.doubts, *_doubts_of(ground.terrain, config))
     inputs = _inputs(chosen)
+    anchor = ground.terrain.georeference
+    if anchor is not None and _heights_are_absolute(inputs, of_origin=chosen["origin"] is not None):
+        _warn_of(*filter(None, [level_doubt(chosen["terrain"], anchor, how)]))
     words = _models(chosen)
     if not words:
         _refuse_unseen_pictures(inputs)
@@ -349,6 +353,17 @@ def _inputs(chosen: dict[str, Any]) -> Inputs:
         offsets={} if alignment is None else read_alignment(alignment),
         camera_masks=camera_masks(told.get("camera_masks", {})),
     )
+
+
+def _heights_are_absolute(inputs: Inputs, *, of_origin: bool) -> bool:
+    """Whether heights of live poses count from the ellipsoid or the sea, not from the ground of the map.
+    `of_origin`: the local frame of poses counts from a place that was stated; else it is that of the map."""
+    if inputs.mavlink and inputs.telemetry.heights.heights in ("ellipsoid", "sea"):
+        return True
+    if inputs.ros is not None and any(one.origin for one in inputs.ros.topics):
+        return True
+    # Telemetry tells heights above the take-off, and poses come by it alone.
+    return of_origin and not (inputs.mavlink and inputs.ros is None)
 
 
 def _refuse_unseen_pictures(inputs: Inputs) -> None:

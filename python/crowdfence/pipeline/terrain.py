@@ -157,7 +157,12 @@ def relation_doubts(
     came with it. `anchor` is that of the recording, also where the caller gives it."""
     if anchor is None or came_along(path, recording):
         return ()
-    doubts = (_place_doubt(path, recording, options), _level_doubt(path, recording, anchor, options))
+    # Poses whose heights count from the map's ground are the same above any.
+    on_its_ground = set(recording.drones) <= recording.ground_contacts.keys()
+    doubts = (
+        _place_doubt(path, recording, options),
+        None if on_its_ground else level_doubt(path, anchor, options),
+    )
     return tuple(doubt for doubt in doubts if doubt is not None)
 
 
@@ -175,13 +180,10 @@ def _place_doubt(path: Path, recording: Recording, options: dict[str, Any]) -> s
     )
 
 
-def _level_doubt(
-    path: Path, recording: Recording, anchor: Georeference, options: dict[str, Any]
-) -> str | None:
-    """For a map whose heights count from nothing that it names. Poses whose heights count from its ground
-    are the same above any."""
-    on_its_ground = set(recording.drones) <= recording.ground_contacts.keys()
-    if on_its_ground or options.get("height_offset_m") is not None:
+def level_doubt(path: Path, anchor: Georeference, options: dict[str, Any]) -> str | None:
+    """What to tell of a map, read by `options`, whose heights count from nothing that it names, where those
+    of poses around `anchor` count from the ellipsoid or the sea."""
+    if options.get("height_offset_m") is not None:
         return None
     if not leaves_geoid_open(path, crs=options.get("crs")):
         return None
