@@ -74,6 +74,46 @@ def test_telemetry_is_asked_for_the_time_that_a_picture_belongs_to() -> None:
     np.testing.assert_allclose(found[:3, 3], (5.0, 7.5, 18.0))
 
 
+@pytest.mark.parametrize(
+    ("clock_s", "time_s", "is_taken"),
+    [
+        (0.0, -3.0, True),  # pictures are stamped at the end of a video link that takes 3 s
+        (3.0, 3.0, True),  # an autopilot's clock is 3 s ahead, which the alignment says
+        (3.0, 0.5, False),
+        (3.0, -0.5, False),
+    ],
+)
+def test_pictures_that_are_stamped_late_are_no_clock_of_poses_that_is_ahead(
+    clock_s: float, time_s: float, is_taken: bool
+) -> None:
+    """A good alignment of late pictures raised an alarm from half a second on, and cost every view from 2 s
+    on, with advice to correct a clock that was right. 4 m/s eastwards by the clock of the poses."""
+    now_ns = START_NS + 20 * SECOND_NS
+
+    class Feed:
+        changed = Condition()
+        newest_ns = now_ns + round(clock_s * SECOND_NS)
+        frame = doubt = None
+
+        def pose_at(self, stamp_ns: int) -> NDArray[np.float64]:
+            world_from_camera = np.eye(4)
+            world_from_camera[0, 3] = 4.0 * (stamp_ns - now_ns) / SECOND_NS
+            return world_from_camera
+
+    offsets = {"uav1": PoseOffset(time_s=time_s)}
+    bounds = {"wait_s": 0.0, "stale_s": 9.0, "max_ahead_s": 2.0}
+    poses = Poses({"uav1": Feed()}, started_ns=now_ns, offsets=offsets, **bounds)
+    stamp_ns = now_ns - SECOND_NS // 4
+    if is_taken:
+        assert poses.pose_at("uav1", stamp_ns, now_ns)[0, 3] == pytest.approx(4.0 * (time_s - 0.25))
+        assert poses.trouble("uav1", now_ns) is None
+        return
+    with pytest.raises(Refused, match="s ahead of the clock of the service"):
+        poses.pose_at("uav1", stamp_ns, now_ns)
+    trouble = poses.trouble("uav1", now_ns)
+    assert trouble is not None and trouble.cause == "ahead"
+
+
 def test_what_cannot_be_put_right_is_refused(tmp_path: Path) -> None:
     offsets = {"uav1": PoseOffset(time_s=0.1), "uav2": TURNED}
     crowd_map = CrowdMap(plain(), CONFIG.method.fusion_method(plain(), 3), max_range_m=80.0)

@@ -138,10 +138,14 @@ class Poses:
                 feed.changed.wait(left_s)
 
     def _ahead_s(self, drone: str, newest_ns: int | None, now_ns: int) -> float:
-        """By how much the newest pose of a drone, put right, is later than now."""
+        """By how much the newest pose of a drone is later than now, as it is told and put right: the clock of
+        poses is ahead where it is by both. By the second alone pictures are stamped late, as those are that
+        get their stamps at the end of a slow video link."""
+        if newest_ns is None:
+            return -math.inf
         offset = self._offsets.get(drone)
-        right_s = 0.0 if offset is None else offset.time_s
-        return -math.inf if newest_ns is None else (newest_ns - now_ns) / _SECOND_NS - right_s
+        ahead_s = (newest_ns - now_ns) / _SECOND_NS
+        return ahead_s if offset is None else min(ahead_s, ahead_s - offset.time_s)
 
     def _gap(self, drone: str, status: int, reason: str, now_ns: int) -> Refused:
         said = f"the pose of {drone} is not known at its view: {reason}"
