@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from crowdfence import CrowdMap, View
+from crowdfence import CrowdMap, View, open_recording
 from crowdfence.cli.app import app
-from crowdfence.service import opening
+from crowdfence.service import opening, server
 from crowdfence.service.gate import Refused
 from crowdfence.service.inputs import Inputs
 from crowdfence.service.poses import Poses
@@ -20,6 +20,7 @@ from crowdfence.service.watch import Watch
 from crowdfence.sources.alignment_file import write_alignment
 from crowdfence.sources.pose_offset import PoseOffset
 from support.served import ORIGIN, write_level_ground
+from support.small_recordings import flight, write_folder
 from support.small_service import CONFIG, SECOND_NS, START_NS, message, plain, running, settle, view, views
 
 TURNED = PoseOffset(pitch_deg=3.0, yaw_deg=-2.0, roll_deg=20.0, position_m=(1.5, -2.0, 0.5))
@@ -174,3 +175,26 @@ def test_serve_reads_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     words += ["--data", str(tmp_path / "data"), "--alignment", str(tmp_path / "offsets.json")]
     finished = CliRunner().invoke(app, words).exception
     assert isinstance(finished, Opened) and json.loads(str(finished)) == {"uav1": 0.75}
+
+
+@pytest.mark.parametrize(
+    ("offset", "is_told"),
+    [
+        (PoseOffset(pitch_deg=0.75, roll_deg=-0.5), False),
+        (PoseOffset(pitch_deg=0.75, time_s=0.2), True),
+        (PoseOffset(position_m=(0.0, 0.0, -2.0)), True),
+    ],
+)
+def test_places_and_clocks_of_another_flight_are_told_of_before_views_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, offset: PoseOffset, is_told: bool
+) -> None:
+    """As with a recording of another time: receivers are elsewhere off on every flight, and a live one is
+    always another. How a camera is mounted stays."""
+    monkeypatch.setattr(server, "serve", lambda *_: None)
+    found_on = open_recording(write_folder(tmp_path / "monday", flight()))
+    write_alignment(tmp_path / "offsets.json", {"uav1": offset}, recording=found_on)
+    words = ["serve", "--terrain", str(write_level_ground(tmp_path / "ground.tif")), "--origin", ORIGIN]
+    words += ["--data", str(tmp_path / "data"), "--alignment", str(tmp_path / "offsets.json")]
+    done = CliRunner().invoke(app, [*words, "--voxel-size-m", "4"], catch_exceptions=False)
+    assert done.exit_code == 0
+    assert ("offsets.json was found on monday, from " in done.stderr) == is_told

@@ -255,6 +255,7 @@ def _live(
     from crowdfence.pipeline import named_detector, review_statement
     from crowdfence.pipeline.terrain import level_doubt, read_map_for_live_views
     from crowdfence.service.opening import live
+    from crowdfence.sources.alignment_file import doubt_of_live
     from crowdfence.sources.layers import CROWD
 
     if chosen["terrain"] is None:
@@ -266,6 +267,8 @@ def _live(
     anchor = ground.terrain.georeference
     if anchor is not None and _heights_are_absolute(inputs, of_origin=chosen["origin"] is not None):
         _warn_of(*filter(None, [level_doubt(chosen["terrain"], anchor, how)]))
+    if chosen["alignment"] is not None:
+        _warn_of(*filter(None, [doubt_of_live(chosen["alignment"])]))
     words = _models(chosen)
     if not words:
         _refuse_unseen_pictures(inputs)

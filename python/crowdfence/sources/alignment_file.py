@@ -98,10 +98,7 @@ def doubt_of(path: str | PathLike[str], recording: Recording) -> str | None:
         case [int(first_ns), int(last_ns)] if 0 <= first_ns <= last_ns <= LAST_STAMP_NS and (
             last_ns < here[0] or here[1] < first_ns
         ):
-            return (
-                f"{path} was found on {found_on.get('name')}, from {iso_utc(first_ns)} on, and not on this "
-                f"flight: {_ELSEWHERE}"
-            )
+            return _of_another_flight(path, found_on.get("name"), first_ns)
     pictures = found_on.get("pictures")
     if isinstance(pictures, dict) and (others := _of_others(pictures, recording)):
         return (
@@ -109,6 +106,23 @@ def doubt_of(path: str | PathLike[str], recording: Recording) -> str | None:
             f"none of {recording.name}, though it flew at the time: {_ELSEWHERE}"
         )
     return None
+
+
+def doubt_of_live(path: str | PathLike[str]) -> str | None:
+    """The same for live views, which are of another time than any recording. None where it puts right how
+    cameras are mounted and nothing else. Errors as for `read_alignment`."""
+    found_on = _content(path).get("recording")
+    offsets = read_alignment(path).values()
+    if not isinstance(found_on, dict) or not any(one.time_s or any(one.position_m) for one in offsets):
+        return None
+    match found_on.get("span_ns"):
+        case [int(first_ns), int(_)] if 0 <= first_ns <= LAST_STAMP_NS:
+            return _of_another_flight(path, found_on.get("name"), first_ns)
+    return None
+
+
+def _of_another_flight(path: str | PathLike[str], name: object, first_ns: int) -> str:
+    return f"{path} was found on {name}, from {iso_utc(first_ns)} on, and not on this flight: {_ELSEWHERE}"
 
 
 def _pictures(recording: Recording, drone: str) -> list[list[float]]:
