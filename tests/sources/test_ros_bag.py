@@ -571,6 +571,18 @@ def test_a_lens_that_is_taken_out_twice_is_told(tmp_path: Path) -> None:
         assert sum("the lens is taken out" in warning for warning in found.warnings) == told
 
 
+def test_every_picture_with_the_stamp_of_another_is_counted_as_refused(tmp_path: Path) -> None:
+    """A camera that stamps in whole seconds: of three pictures one is used, and two are lost, not one."""
+    told = [*picture_messages(DRONE, OPTICAL), *camera_pose_messages()]
+    pictures = [message for message in told if message[1].endswith("CompressedImage")]
+    found = open_recording(write_bag(tmp_path / "flight", "mcap", [*told, *pictures[:2], *pictures[:2]]))
+    assert len(found.frames) == len(pictures)
+    assert sorted(one.stamp_ns or 0 for one in found.refused) == sorted(
+        stamp for _, _, stamp, _ in pictures[:2] * 2
+    )
+    assert all("repeats an earlier frame" in one.reason for one in found.refused)
+
+
 def test_an_imu_without_an_attitude_is_not_level(tmp_path: Path) -> None:
     """REP 145: a first covariance of -1 says that there is none, and ROS 2 fills in the identity."""
     messages: list[Any] = [*picture_messages(DRONE, OPTICAL), static_mount(rows()[0].stamp_ns)]

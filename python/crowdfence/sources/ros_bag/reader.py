@@ -430,7 +430,7 @@ class _Reader:
             )
         unplaced.extend(
             UnplacedFrame(stamp_ns, None, fault=f"stamp {stamp_ns} repeats an earlier frame of this drone")
-            for stamp_ns in dict.fromkeys(self.content.repeated.get(one.camera or one.heatmap or "", []))
+            for stamp_ns in self.content.repeated.get(one.camera or one.heatmap or "", [])
         )
         return unplaced
 
