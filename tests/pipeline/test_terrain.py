@@ -333,11 +333,12 @@ def test_a_map_without_a_place_below_a_flight_that_has_one_is_told(tmp_path: Pat
         (None, "sea, up to 100 m off there, .*: say height_offset_m=METRES, how high the sea"),
     ],
 )
-def test_a_map_that_names_no_geoid_is_told_where_heights_of_poses_are_absolute(
+def test_a_map_that_names_no_geoid_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sea_m: float | None, said: str
 ) -> None:
     """Most count from the sea without saying so: cameras 50 m above the ground were taken to be 97 m above it
-    where the sea lies 47 m above the ellipsoid, and no word was said."""
+    where the sea lies 47 m above the ellipsoid, and no word was said. Cameras whose heights count from its
+    ground stand right, and then a file with heights above the ellipsoid closed the air 47 m too low."""
 
     def geoid_height_m(*place: float) -> float:
         assert place == ORIGIN[:2]
@@ -356,8 +357,13 @@ def test_a_map_that_names_no_geoid_is_told_where_heights_of_poses_are_absolute(
         open_terrain(source, dem, height_offset_m=0.0)
         open_terrain(source, dem, crs="EPSG:4979")  # heights above the ellipsoid
         open_terrain(replace(source, terrain=dem))  # who put it there knew
-        take_off = GroundContact((10.0, 10.0, 0.0), "as stated")
-        open_terrain(replace(source, ground_contacts={"uav1": take_off}), dem)
+    contacts = {"uav1": GroundContact((10.0, 10.0, 0.0), "as stated")}
+    on_its_ground = replace(source, ground_contacts=contacts)
+    with pytest.warns(UserWarning, match="though poses count from its ground, zones are too high or too low"):
+        open_terrain(on_its_ground, dem)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        open_terrain(on_its_ground, dem, height_offset_m=48.0)
 
 
 def test_a_map_without_a_place_that_was_put_into_the_file_is_still_told(tmp_path: Path) -> None:

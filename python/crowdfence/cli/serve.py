@@ -264,9 +264,9 @@ def _live(
     ground = read_map_for_live_views(chosen["terrain"], **how)
     _warn_of(*ground.doubts, *_doubts_of(ground.terrain, config))
     inputs = _inputs(chosen)
-    anchor = ground.terrain.georeference
-    if anchor is not None and _heights_are_absolute(inputs, of_origin=chosen["origin"] is not None):
-        _warn_of(*filter(None, [level_doubt(chosen["terrain"], anchor, how)]))
+    if (anchor := ground.terrain.georeference) is not None:
+        of_poses = _heights_are_absolute(inputs, of_origin=chosen["origin"] is not None)
+        _warn_of(*filter(None, [level_doubt(chosen["terrain"], anchor, how, of_poses=of_poses)]))
     if chosen["alignment"] is not None:
         _warn_of(*filter(None, [doubt_of_live(chosen["alignment"])]))
     words = _models(chosen)

@@ -157,11 +157,10 @@ def relation_doubts(
     came with it. `anchor` is that of the recording, also where the caller gives it."""
     if anchor is None or came_along(path, recording):
         return ()
-    # Poses whose heights count from the map's ground are the same above any.
     on_its_ground = set(recording.drones) <= recording.ground_contacts.keys()
     doubts = (
         _place_doubt(path, recording, options),
-        None if on_its_ground else level_doubt(path, anchor, options),
+        level_doubt(path, anchor, options, of_poses=not on_its_ground),
     )
     return tuple(doubt for doubt in doubts if doubt is not None)
 
@@ -180,9 +179,10 @@ def _place_doubt(path: Path, recording: Recording, options: dict[str, Any]) -> s
     )
 
 
-def level_doubt(path: Path, anchor: Georeference, options: dict[str, Any]) -> str | None:
-    """What to tell of a map, read by `options`, whose heights count from nothing that it names, where those
-    of poses around `anchor` count from the ellipsoid or the sea."""
+def level_doubt(path: Path, anchor: Georeference, options: dict[str, Any], *, of_poses: bool) -> str | None:
+    """What to tell of a map around `anchor`, read by `options`, whose heights count from nothing that it
+    names. `of_poses`: those of poses count from the ellipsoid or the sea; where they count from its ground
+    they are the same above any map, and those of zones are not."""
     if options.get("height_offset_m") is not None:
         return None
     if not leaves_geoid_open(path, crs=options.get("crs")):
@@ -192,11 +192,16 @@ def level_doubt(path: Path, anchor: Georeference, options: dict[str, Any]) -> st
         apart, offset = f"{abs(sea_m):.0f} m {'above' if sea_m > 0 else 'below'}", f"{sea_m:.1f}"
     except ValueError:
         apart, offset = "up to 100 m off", "METRES, how high the sea lies above the ellipsoid there"
+    off = (
+        "cameras are too high or too low above them by that"
+        if of_poses
+        else "though poses count from its ground, zones are too high or too low by that in files that say "
+        "how high above the ellipsoid or the sea they reach"
+    )
     return (
         f"{path.name} names no geoid that its heights count from: they are taken as above the ellipsoid. "
-        f"Most height models count from the sea, {apart} there, and cameras are too high or too low above "
-        f"them by that: say height_offset_m={offset}, or 0 where they do count from the "
-        "ellipsoid"
+        f"Most height models count from the sea, {apart} there, and {off}: say height_offset_m={offset}, or "
+        "0 where they do count from the ellipsoid"
     )
 
 
