@@ -1,5 +1,6 @@
 """`crowdfence serve` takes what `crowdfence run` takes, and does the same with it."""
 
+import json
 import logging
 import math
 import re
@@ -134,6 +135,19 @@ def test_what_a_map_does_to_zones_is_told_as_by_run(
     assert ran.exit_code == served.exit_code == 0
     for doubt in (COARSE, NO_PRIOR):
         assert doubt in ran.stderr and doubt in served.stderr
+
+
+def test_warnings_before_the_page_are_lines_of_a_log_in_json(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever reads a line as JSON stumbled over them, or never saw them."""
+    monkeypatch.setattr(server, "serve", lambda *_: None)
+    words = ["serve", "--terrain", str(write_level_ground(tmp_path / "g.tif")), "--voxel-size-m", "4"]
+    words += ["--data", str(tmp_path / "live"), "--origin", ORIGIN, "--json-logs"]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    lines = [json.loads(line) for line in done.stderr.splitlines()]
+    told = [line["message"] for line in lines if line["level"] == "warning"]
+    assert any(COARSE in message for message in told) and any("no geoid" in message for message in told)
 
 
 CAMERAS_OFF, ZONES_OFF = "and cameras are too high", "and though poses count from its ground, zones are"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import sys
 from collections.abc import Callable, Iterator
@@ -31,8 +32,26 @@ def fail(message: str) -> None:
     stderr().print(f"[bold red]error[/]: {escaped(message)}", soft_wrap=True)
 
 
+_warnings_to: Callable[[str], None] | None = None
+
+
 def warn(message: str) -> None:
+    if _warnings_to is not None:
+        _warnings_to(message)
+        return
     stderr().print(f"[yellow]warning[/]: {escaped(message)}", soft_wrap=True)
+
+
+@contextmanager
+def warnings_logged(*, on: bool = True) -> Iterator[None]:
+    """While the block runs warnings are lines of the log, if `on`: stderr may hold nothing but its JSON."""
+    global _warnings_to
+    before = _warnings_to
+    _warnings_to = logging.getLogger(__name__).warning if on else None
+    try:
+        yield
+    finally:
+        _warnings_to = before
 
 
 def print_json(value: Any) -> None:

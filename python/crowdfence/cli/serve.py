@@ -201,7 +201,11 @@ def serve(
     )
     surroundings = BaseMap.open(base_map) if base_map is not None else None
     opened = _replayed if recording else _live
-    with logs_on_stderr(as_json=json_logs), opened(chosen, config, access, settings) as service:
+    with (
+        logs_on_stderr(as_json=json_logs),
+        console.warnings_logged(on=json_logs),
+        opened(chosen, config, access, settings) as service,
+    ):
         service.base_map = surroundings
         if surroundings is not None and service.mission.georeference is None:
             console.warn("the mission does not say where on Earth it lies: its page shows no base map")
