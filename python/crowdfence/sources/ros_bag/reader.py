@@ -40,8 +40,10 @@ from crowdfence.sources.ros_bag.common_world import CommonWorld, heading_doubt
 from crowdfence.sources.ros_bag.optical_frame import frame_doubt, optical_frame
 from crowdfence.sources.ros_bag.own_frame import COUNTED_FROM
 from crowdfence.sources.ros_bag.picture import encoded_picture, heatmap_pixels
+from crowdfence.sources.ros_bag.told_place import heights_assumed
 from crowdfence.sources.ros_bag.topic_choice import (
     COMPRESSED,
+    FIX,
     DroneTopics,
     guessed_topics,
     left_out,
@@ -142,6 +144,8 @@ class _Reader:
             )
         self._require_pictures()
         tracks = {one.drone: self._track(one) for one in chosen}
+        fixes = dict.fromkeys(self._origin_topic(one) or "" for one in chosen if one.drone in self.placed)
+        self.warnings += [heights_assumed(topic) for topic in fixes if self.content.types.get(topic) == FIX]
         self._unplace_those_of_one_origin()
         if doubt := self.world.doubt(self.placed):
             self.warnings.append(doubt)
