@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crowdfence import Terrain, open_recording
+from crowdfence import Georeference, Terrain, open_recording
 from crowdfence.sources.convert import convert
-from crowdfence.sources.ground_contact import ground_heights, on_ground
+from crowdfence.sources.geographic_track import GeographicPoses, HeightOptions, local_track
+from crowdfence.sources.ground_contact import ground_heights, on_ground, settled_track
 from crowdfence.sources.ground_start import from_the_ground
 from crowdfence.sources.recording import GroundContact, Recording
 from support.small_recordings import flight, write_folder
@@ -72,6 +73,29 @@ def test_heights_above_the_ground_below_follow_it(slope: Terrain, flown: Recordi
     settled = on_ground(replace(flown, ground_contacts={"uav1": GroundContact(None, "below")}), slope)
     before, after = flown.tracks()["uav1"].positions, settled.tracks()["uav1"].positions
     assert np.allclose(after[:, 2] - before[:, 2], 100 + 0.1 * before[:, 0], atol=0.01)
+
+
+def test_heights_above_the_ground_below_are_the_same_far_from_the_anchor() -> None:
+    """8 km east of it level ground lies 5 m below the anchor's plane, and the camera stands 30 m above it: as
+    far below that plane as the ground, it was put 5 m nearer to the ground than it was."""
+    anchor = Georeference(46.5, 8.0, 1200.0)
+    latitude_deg, longitude_deg, _ = anchor.geodetic_from_local([[8000.0, 0.0, 0.0], [8010.0, 0.0, 0.0]])
+    east = np.arange(7900.5, 8100.0)
+    falls = -(east**2) / (2 * 6.388e6)  # radius of the ellipsoid there, across the meridian
+    ground = np.repeat(falls[:, None], 200, axis=1).astype(np.float32)
+    terrain = Terrain.from_height_map(ground, 1.0, origin=(7900.0, -100.0, 0.0))
+    poses = GeographicPoses(
+        stamps_ns=[0, 10**9],
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        heights_m={"ground": np.array([30.0, 31.0])},
+        attitudes_ned=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
+    )
+    found = local_track(poses, HeightOptions("ground"), anchor)
+    assert found.contact is not None
+    places = settled_track("uav1", found.track, found.contact, terrain).positions
+    assert places[:, 2] - ground_heights(terrain, places[:, :2]) == pytest.approx([30.0, 31.0], abs=0.02)
+    assert places[0, 2] == pytest.approx(30.0 - 8000.0**2 / (2 * 6.388e6), abs=0.02)
 
 
 def test_the_bias_of_a_barometer_is_estimated_and_said(tmp_path: Path, slope: Terrain) -> None:

@@ -128,6 +128,8 @@ def local_track(poses: GeographicPoses, options: HeightOptions, anchor: Georefer
         height_m = height_m + anchor.height_m
     safe = [np.where(usable, values, values[first]) for values in _columns(poses, height_m)]
     positions = np.where(usable[:, None], anchor.local_from_geodetic(*safe), np.nan)
+    if above == "ground":  # that of the map falls away with distance already, as the Earth does
+        positions[:, 2] = np.where(usable, poses.heights_m[above], np.nan)
     # Above the take-off, "up" is the height and not the tangent plane of a far anchor.
     quaternions = _turned_to(anchor, safe, optical_quaternions_enu(poses.attitudes_ned))
     track, left_out = track_from_rows(poses.stamps_ns, positions, quaternions)
