@@ -740,6 +740,35 @@ def test_a_file_of_a_way_past_zones_that_end_says_when_it_is_where(run: Path, tm
     assert told.endswith(f"by the zones of {properties['zones_at']}")
 
 
+def test_crowd_below_a_way_past_zones_that_end_is_not_said_to_be_in_none(run: Path) -> None:
+    """The zone from 5 to 15 m east is crowd on the map, and ends before the way comes there."""
+    whole = history(Georeference(46.5, 8.0, 1200.0))
+    (crowd,) = whole.sets[1].zones
+    ends = replace(crowd, valid_until_ns=whole.stamps_ns[1] + SECOND_NS)
+    closed = replace(whole.sets[1], zones=(ends,))
+    replace(whole, stamps_ns=whole.stamps_ns[1:2], sets=[closed]).write(run / "zone_history.jsonl")
+    state = np.full((20, 10), VoxelState.EMPTY, dtype=np.uint8)
+    state[5:15] = VoxelState.CROWD
+    with_states(run, state)
+    way = [
+        "route",
+        str(run),
+        "--local",
+        "--from",
+        "1,5.5",
+        "--to",
+        "19,5.5",
+        "--speed-m-s",
+        "0.5",
+        "--expires",
+    ]
+    done = CliRunner().invoke(app, way)
+    said = " ".join(done.stderr.split())
+    assert done.exit_code == 0 and "10.0 of 18.0 m of the way lie over ground" in said
+    assert "10.0 m crowd in zones that have ended by then, or in none" in said
+    assert "that no zone closes" not in said
+
+
 def test_places_on_earth(run: Path) -> None:
     told = json.loads(
         command(

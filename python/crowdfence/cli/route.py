@@ -29,6 +29,8 @@ _UNKNOWN = {
     "crowd": "crowd that no zone closes",
 }
 """States of ground that is not known to be empty."""
+_CROWD_OF_ENDED_ZONES = "crowd in zones that have ended by then, or in none"
+"""What `crowd` is below a way that may pass zones after their end."""
 _TOLD_M = 0.05
 """Less is rounding."""
 _FAR_M = 100_000.0
@@ -250,9 +252,10 @@ def _worded(reason: str) -> str:
 
 def _over_unknown(report: dict[str, Any]) -> str:
     length_m, unknown_m = report["length_m"], report["not_known_empty_m"]
+    words = _UNKNOWN | {"crowd": _CROWD_OF_ENDED_ZONES} if report["expires"] else _UNKNOWN
     parts = [
         f"{report['over_m'][state]:.1f} m {said}"
-        for state, said in _UNKNOWN.items()
+        for state, said in words.items()
         if report["over_m"][state] >= _TOLD_M
     ]
     return (
