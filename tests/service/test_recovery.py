@@ -569,6 +569,27 @@ def test_a_folder_of_another_mission_is_refused(tmp_path: Path) -> None:
         pass
 
 
+def test_a_folder_of_an_older_build_goes_on(tmp_path: Path) -> None:
+    """It did not know `from_below`, which nobody sets: no option led past "from_below null, now null"."""
+    flown = views(6)
+    with running(tmp_path) as service:
+        give(service, flown)
+        before = state(service)
+    with sqlite3.connect(tmp_path / FILE) as file:
+        (text,) = file.execute("SELECT value FROM about WHERE name = 'configuration'").fetchone()
+        known = json.loads(text)
+        assert known.pop("from_below") is None
+        changed = (json.dumps(known, sort_keys=True),)
+        file.execute("UPDATE about SET value = ? WHERE name = 'configuration'", changed)
+    file.close()
+    with running(tmp_path) as service:
+        assert state(service) == before
+    other = replace(CONFIG, method=replace(CONFIG.method, from_below="against"))
+    differs = r"another configuration \(from_below null, now \"against\"\): start it with the same"
+    with pytest.raises(StoreError, match=differs), live(tmp_path, plain(), other, name="x"):
+        pass
+
+
 def test_a_folder_of_another_origin_is_refused(tmp_path: Path) -> None:
     """Zones are kept in local metres: they would all move."""
     here, there = Georeference(46.5, 8.0, 1200.0), Georeference(46.6, 8.0, 1200.0)

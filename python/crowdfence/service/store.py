@@ -194,7 +194,7 @@ class Store:
         """Written when the file is new, compared when it is not. StoreError names what differs."""
         known = dict(self.rows("SELECT name, value FROM about"))
         for name, value in what.items():
-            if known.setdefault(name, value) != value:
+            if _set_values(known.setdefault(name, value)) != _set_values(value):
                 raise StoreError(
                     f"{self.path} was begun with another {name}{_difference(known[name], value)}: start it "
                     "with the same to go on, or name another folder with --data, which begins with nothing "
@@ -342,16 +342,22 @@ class Store:
             self.on_trouble(self._trouble.text)
 
 
+def _set_values(text: str) -> dict[str, Any] | str:
+    """What a value sets, by name, or else the value: what nobody sets may be missing, as a build that did not
+    know it yet wrote none."""
+    with suppress(ValueError):
+        read = json.loads(text)
+        if isinstance(read, dict):
+            return {name: value for name, value in read.items() if value is not None}
+    return text
+
+
 def _difference(before: str, now: str) -> str:
     """What differs between two values, as far as they are short enough to be read."""
-    try:
-        old, new = json.loads(before), json.loads(now)
-    except ValueError:
-        return ""
-    if not (isinstance(old, dict) and isinstance(new, dict)):
+    old, new = _set_values(before), _set_values(now)
+    if isinstance(old, str) or isinstance(new, str):
         return f" ({before}, now {now})" if len(before) + len(now) < 2 * _SHORT else ""
-    missing = object()
-    differ = [name for name in {**old, **new} if old.get(name, missing) != new.get(name, missing)]
+    differ = [name for name in {**old, **new} if old.get(name) != new.get(name)]
     told = ((name, json.dumps(old.get(name)), json.dumps(new.get(name))) for name in differ)
     said = [
         f"{name} {value}, now {other}" if len(value) + len(other) < 2 * _SHORT else name
