@@ -807,7 +807,9 @@ class LikelihoodRatio:
     def log_ratio(self) -> NDArray[np.float32]:
         """The table [D, T, M] float32."""
     def of(self, gsd_m: float, tilt_deg: float, mean: float) -> float:
-        """ln P(m | crowd) / P(m | no crowd) of one look of a camera of this table."""
+        """ln P(m | crowd) / P(m | no crowd) of one look of a camera of this table. CrowdfenceError for a
+        gsd_m that is not finite and > 0, a tilt_deg outside [-90, 90] and a mean outside [0, 1].
+        """
     def __getnewargs__(self) -> tuple[Any, ...]: ...
 
 @final

@@ -92,9 +92,10 @@ impl PyLikelihoodRatio {
         Some((finer.times(), PyLikelihoodRatio(Arc::new(finer.table().clone()))))
     }
 
-    /// ln P(m | crowd) / P(m | no crowd) of one look of a camera of this table.
-    fn of(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> f32 {
-        self.0.log_ratio(gsd_m, tilt_deg, mean)
+    /// ln P(m | crowd) / P(m | no crowd) of one look of a camera of this table. CrowdfenceError for a
+    /// gsd_m that is not finite and > 0, a tilt_deg outside [-90, 90] and a mean outside [0, 1].
+    fn of(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> PyResult<f32> {
+        self.0.of(gsd_m, tilt_deg, mean).map_err(refuse)
     }
 
     fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Columns<'py>> {

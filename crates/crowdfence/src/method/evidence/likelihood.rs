@@ -74,8 +74,17 @@ impl LikelihoodRatio {
         self.finer.as_deref()
     }
 
-    /// ln P(m | crowd) / P(m | no crowd) of a mean heatmap value, seen at so many metres per pixel and at such a tilt.
-    pub fn log_ratio(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> f32 {
+    /// ln P(m | crowd) / P(m | no crowd) of a mean heatmap value inside [0, 1], seen at so many metres per pixel, > 0, and
+    /// at such a tilt, from -90 to 90.
+    pub fn of(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> Result<f32> {
+        require(gsd_m.is_finite() && gsd_m > 0.0, "gsd_m", gsd_m.into(), "finite and > 0")?;
+        require((-90.0..=90.0).contains(&tilt_deg), "tilt_deg", tilt_deg.into(), "inside [-90, 90]")?;
+        require((0.0..=1.0).contains(&mean), "mean", mean.into(), "inside [0, 1]")?;
+        Ok(self.log_ratio(gsd_m, tilt_deg, mean))
+    }
+
+    /// The same of a look, which was checked when it was made.
+    pub(super) fn log_ratio(&self, gsd_m: f32, tilt_deg: f32, mean: f32) -> f32 {
         let row = self.gsd_m.up_to(gsd_m) * (self.tilt_deg.count() + 1) + self.tilt_deg.up_to(tilt_deg);
         self.log_ratio[row * (self.mean.count() + 1) + self.mean.below(mean)]
     }
