@@ -481,7 +481,7 @@ impl PyCrowdMap {
         ids: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let ids = self.ids(py, ids)?;
-        Ok(self.read(py, |map| Ok(map.spoke_for_crowd(&ids)))?.into_pyarray(py))
+        Ok(self.read(py, |map| map.spoke_for_crowd(&ids))?.into_pyarray(py))
     }
 
     /// Union of the fields of view so far (equation 4): [V] bool per voxel.
@@ -528,7 +528,7 @@ impl PyCrowdMap {
             None => self.read(py, |map| Ok(map.last_seen_ns().map(stamp).collect()))?,
             Some(ids) => {
                 let ids = self.ids(py, ids)?;
-                self.read(py, |map| Ok(ids.iter().map(|&id| stamp(map.last_seen_ns_of(id))).collect()))?
+                self.read(py, |map| Ok(map.last_seen_ns_of(&ids)?.into_iter().map(stamp).collect()))?
             }
         };
         Ok(stamps.into_pyarray(py))
@@ -538,7 +538,7 @@ impl PyCrowdMap {
     /// build that did not keep this knows nobody. CrowdfenceError for an id that does not exist.
     fn seen_by(&self, py: Python<'_>, ids: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
         let ids = self.ids(py, ids)?;
-        self.read(py, |map| Ok(map.seen_by(&ids).into_iter().map(str::to_owned).collect()))
+        self.read(py, |map| Ok(map.seen_by(&ids)?.into_iter().map(str::to_owned).collect()))
     }
 
     /// Probability from which a voxel is called crowd unless the caller says otherwise: the method's.

@@ -245,17 +245,23 @@ impl CrowdMap {
 
     /// Stamp of the last look at every voxel, None = never.
     pub fn last_seen_ns(&self) -> impl Iterator<Item = Option<i64>> + '_ {
-        (0..self.terrain.voxel_count() as u32).map(|id| self.last_seen_ns_of(id))
+        (0..self.terrain.voxel_count() as u32).map(|id| self.last_look_ns(id))
     }
 
-    /// The same for one voxel.
-    pub fn last_seen_ns_of(&self, id: u32) -> Option<i64> {
+    /// The same for some voxels.
+    pub fn last_seen_ns_of(&self, ids: &[u32]) -> Result<Vec<Option<i64>>> {
+        self.check_ids(ids)?;
+        Ok(ids.iter().map(|&id| self.last_look_ns(id)).collect())
+    }
+
+    fn last_look_ns(&self, id: u32) -> Option<i64> {
         self.history.last_look(id).map(|look| look.stamp_ns)
     }
 
     /// Drones that have ever seen one of the voxels, by name.
-    pub fn seen_by(&self, ids: &[u32]) -> Vec<&str> {
-        self.history.seen_by(ids)
+    pub fn seen_by(&self, ids: &[u32]) -> Result<Vec<&str>> {
+        self.check_ids(ids)?;
+        Ok(self.history.seen_by(ids))
     }
 
     /// Every drone that ever gave a view, by name.

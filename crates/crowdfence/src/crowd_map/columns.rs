@@ -90,8 +90,9 @@ impl CrowdMap {
 
     /// Whether the last look at each of some voxels spoke for crowd: it left more of it than there was, and more than
     /// the method holds of ground that nobody has seen. Files that older builds wrote do not say so of any look.
-    pub fn spoke_for_crowd(&self, ids: &[u32]) -> Vec<bool> {
-        ids.iter().map(|&id| self.history.spoke_for_crowd(id)).collect()
+    pub fn spoke_for_crowd(&self, ids: &[u32]) -> Result<Vec<bool>> {
+        self.check_ids(ids)?;
+        Ok(ids.iter().map(|&id| self.history.spoke_for_crowd(id)).collect())
     }
 
     /// The voxels at or above a threshold; pages that hold none are known to `quiet`, as of `stamp_ns`.
@@ -271,7 +272,7 @@ mod tests {
                 top: column.iter().map(|voxel| voxel.0).max().unwrap(),
                 crowd_count: crowd.len() as u32,
                 probability: seen.iter().map(|&id| probability[id as usize]).reduce(f64::max).unwrap(),
-                last_seen_ns: crowd.iter().map(|&id| map.last_seen_ns_of(id).unwrap()).max().unwrap(),
+                last_seen_ns: map.last_seen_ns_of(&crowd).unwrap().into_iter().max().unwrap().unwrap(),
             });
             crowd_columns.voxel_ids.extend(crowd);
         }
@@ -487,15 +488,15 @@ mod tests {
         let mut map = map(&[[0, 0, 0], [1, 0, 0], [2, 0, 0]], evidence(0.1));
         let means = |values: [f64; 3]| (0..3).zip(values).collect();
         look(&mut map, 0, &means([0.9, 0.3, 0.0]));
-        assert_eq!(map.spoke_for_crowd(&[0, 1, 2]), [true, true, false]);
+        assert_eq!(map.spoke_for_crowd(&[0, 1, 2]).unwrap(), [true, true, false]);
         look(&mut map, 1, &means([0.3, 0.9, 0.5]));
         // 3.4 / 2 falls to about 3.4 / 3. What spoke against crowd, -2 / 2, rises to -.4 / 3 and is still below.
-        assert_eq!(map.spoke_for_crowd(&[0, 1, 2]), [false, true, false]);
+        assert_eq!(map.spoke_for_crowd(&[0, 1, 2]).unwrap(), [false, true, false]);
         // 100 s later nothing is left of all that, and .3 / 2 is more than nothing.
         look(&mut map, 101, &means([0.3, 0.0, 0.3]));
-        assert_eq!(map.spoke_for_crowd(&[0, 1, 2]), [true, false, true]);
+        assert_eq!(map.spoke_for_crowd(&[0, 1, 2]).unwrap(), [true, false, true]);
         let read = CrowdMap::from_bytes(&map.to_bytes(), map.terrain.clone()).unwrap();
-        assert_eq!(read.spoke_for_crowd(&[0, 1, 2]), [true, false, true]);
+        assert_eq!(read.spoke_for_crowd(&[0, 1, 2]).unwrap(), [true, false, true]);
     }
 
     /// A look at .9 leaves odds of .25 e^(3.4 / 2), P = .58; after ten seconds P = .38.
