@@ -141,6 +141,9 @@ def test_a_saved_map_comes_back_with_its_method() -> None:
 def test_the_table_says_what_it_was_told() -> None:
     assert RATIO.of(0.1, 45.0, 0.5) == -2.0  # a value on a border of the mean belongs to the bin below
     assert RATIO.of(0.2, 45.0, 0.6) == 1.5  # a distance on a border to the bin above
+    assert RATIO.log_ratio.shape == (2, 1, 2)
+    for name, column in (("gsd_m", [0.2]), ("tilt_deg", []), ("mean", [0.5])):
+        np.testing.assert_array_equal(getattr(RATIO, name), np.array(column, np.float32))
 
 
 @pytest.mark.parametrize(
@@ -154,9 +157,6 @@ def test_a_ratio_of_what_is_no_look_is_refused(look: tuple[float, float, float])
         with pytest.raises(CrowdfenceError, match=f"{name} is NaN"):
             RATIO.of(*(math.nan if number == at else value for number, value in enumerate((0.1, 45.0, 0.5))))
     assert RATIO.of(0.1, 90.0, 1.0) == RATIO.of(0.1, 45.0, 0.6)
-    assert RATIO.log_ratio.shape == (2, 1, 2)
-    for name, column in (("gsd_m", [0.2]), ("tilt_deg", []), ("mean", [0.5])):
-        np.testing.assert_array_equal(getattr(RATIO, name), np.array(column, np.float32))
 
 
 @pytest.mark.parametrize(
