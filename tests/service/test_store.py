@@ -208,7 +208,8 @@ def on_a_disk_of(size: str, folder: Path, *arguments: object) -> subprocess.Comp
 def test_a_full_disk_is_one_line(tmp_path: Path, size: str) -> None:
     """Whichever of its files has no room: SQLite says something else of each."""
     ground = write_level_ground(tmp_path / "ground.tif")
-    how = ("--terrain", ground, "--origin", ORIGIN, "--voxel-size-m", 2, "--port", 0)
+    map_ = ("--terrain", ground, "--terrain-option", "height_offset_m=0", "--voxel-size-m", 2)
+    how = (*map_, "--origin", ORIGIN, "--port", 0)
     done = on_a_disk_of(size, tmp_path / "disk", "serve", *how, "--data", tmp_path / "disk" / "data")
     errors = [line for line in done.stderr.splitlines() if not line.startswith("INFO")]
     assert done.returncode == 1 and len(errors) == 1, done.stderr
