@@ -7,8 +7,9 @@ CORE   := $(shell find crates -name '*.rs' -o -name Cargo.toml) Cargo.toml Cargo
 MISSIONS ?= out/missions
 
 .PHONY: help demo test test-rust test-python test-oldest test-newest test-training test-service-kill soak-service \
-	bench-service toolchain check-rust lint-rust lint-python lint fuzz bench bench-rivals lock clean setup wheel setup-rivals setup-training stub opengl demo-recording detector paper \
-	cli-reference page test-page test-web chromium page-picture docs api-reference
+	bench-service toolchain check-rust lint-rust lint-python lint fuzz bench bench-rivals lock clean setup wheel \
+	setup-rivals setup-training stub opengl demo-recording detector paper cli-reference page test-page test-web \
+	chromium page-picture docs api-reference
 
 help:
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14

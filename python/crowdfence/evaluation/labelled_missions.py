@@ -117,6 +117,7 @@ class LabelledMissions:
         for path, name in zip(self.paths, mission_names(self.paths), strict=True):
             if is_labelled_pictures(path):
                 pictures = open_labelled_pictures(path)
+                self._require_new(name, pictures.recording)
                 self._require_new_pictures(name, pictures.recording)
                 self.doubts |= {f"{name}: {warning}": None for warning in pictures.recording.warnings}
                 yield LabelledMission(
