@@ -47,13 +47,38 @@ describe("heights", () => {
     expect(thin.at(3.7, -8.1)).toBeCloseTo(0.3 * 3.7 - 0.81 + 20, 3);
   });
 
+  it("are drawn to the edge of the map, whatever the thinning leaves over", () => {
+    const frame = { west: 7, north: -3, cell_size_m: 0.5, rows: 103, columns: 67 }; // 51.5 x 33.5 m
+    const ground = new Heights(frame, Float32Array.from({ length: 103 * 67 }, (_, k) => Math.sin(k % 67) + Math.floor(k / 67)));
+    for (const step of [1, 2, 4, 7, 8, 9, 40, 200]) {
+      const thin = ground.thinned(step);
+      const [rows, columns] = [Math.max(Math.round(103 / step), 1), Math.max(Math.round(67 / step), 1)];
+      expect([thin.frame.rows, thin.frame.columns], `${step}`).toEqual([rows, columns]);
+      expect(thin.up_m.every((up) => up === up)).toBe(true);
+      for (const drawn of [terrainMesh(thin), skirtMesh(thin, -9)]) {
+        const [eastings, northings] = [0, 1].map((axis) => drawn.attributes.positions.value.filter((_, k) => k % 3 === axis));
+        expect([Math.min(...eastings), Math.max(...eastings)]).toEqual([7, 40.5]);
+        expect([Math.min(...northings), Math.max(...northings)]).toEqual([-54.5, -3]);
+      }
+      const { positions, texCoords } = terrainMesh(thin).attributes;
+      for (let k = 0; k < positions.value.length / 3; k++) {
+        const [east, north, up] = positions.value.slice(3 * k, 3 * k + 3);
+        expect(Math.abs(thin.at(east, north) - up)).toBeLessThan(1e-3); // lines on the ground are neither below it nor above
+        expect(texCoords.value[2 * k]).toBeCloseTo((east - 7) / 33.5, 5);
+        expect(texCoords.value[2 * k + 1]).toBeCloseTo((-3 - north) / 51.5, 5);
+      }
+    }
+    expect(ground.thinned(8).at(40.49, -54.49)).not.toBeNaN();
+    expect(ground.thinned(8).at(40.51, -54.49)).toBeNaN();
+  });
+
   it("have holes where the map has", () => {
     const holed = middles((east, north) => (Math.hypot(east, north) < 5 ? NaN : 3));
     expect(holed.at(0, 0)).toBeNaN();
     expect(holed.range_m).toEqual([3, 3]);
-    const vertices = terrainMesh(holed, holed).indices.value.length;
-    expect(vertices).toBeLessThan(99 * 99 * 6);
-    expect(vertices).toBeGreaterThan(99 * 99 * 6 - 6 * 12 * 12);
+    const vertices = terrainMesh(holed).indices.value.length;
+    expect(vertices).toBeLessThan(101 * 101 * 6); // between 100 middles and two edges
+    expect(vertices).toBeGreaterThan(101 * 101 * 6 - 6 * 12 * 12);
   });
 
   it("refuse terrain of another size than was announced", () => {
@@ -68,7 +93,7 @@ describe("heights", () => {
 
   it("become a skirt around four sides", () => {
     const skirt = skirtMesh(SLOPE, -10);
-    expect(skirt.indices.value.length).toBe(4 * 99 * 6);
+    expect(skirt.indices.value.length).toBe(4 * 101 * 6);
     expect(Math.min(...skirt.attributes.positions.value.filter((_, k) => k % 3 === 2))).toBe(-10);
   });
 });

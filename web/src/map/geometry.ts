@@ -82,8 +82,7 @@ function shareOver([west, south, east, north]: Bounds, [x, y]: readonly number[]
 /** The line `above_m` over the ground, with corners at most a cell apart where there is ground; a flat line cuts
  * through hills. A control zone of 50 km around a small map has no 200 000 corners for that. */
 export function draped(line: readonly (readonly number[])[], heights: Heights, above_m: number): Place[] {
-  const { west, north, columns, rows, cell_size_m: spacing_m } = heights.frame;
-  const ground: Bounds = [west, north - rows * spacing_m, west + columns * spacing_m, north];
+  const spacing_m = heights.frame.cell_size_m;
   const places: Place[] = [];
   let last = 0;
   const put = (east: number, north: number, otherwise: number) => {
@@ -95,7 +94,7 @@ export function draped(line: readonly (readonly number[])[], heights: Heights, a
     if (k > 0) {
       const [x, y] = line[k - 1];
       const pieces = Math.ceil(Math.hypot(corner[0] - x, corner[1] - y) / spacing_m);
-      const [from, to] = shareOver(ground, line[k - 1], corner) ?? [1, 0];
+      const [from, to] = shareOver(heights.bounds, line[k - 1], corner) ?? [1, 0];
       const end = Math.min(Math.ceil(to * pieces), pieces - 1);
       for (let i = Math.max(Math.floor(from * pieces), 1); i <= end; i++) {
         put(x + ((corner[0] - x) * i) / pieces, y + ((corner[1] - y) * i) / pieces, last);

@@ -3,10 +3,15 @@
 import type { TerrainFrame } from "../api/contract";
 
 export class Heights {
-  /** up_m: rows x columns, north row first, NaN where the map has no ground. */
+  /**
+   * up_m: rows x columns, north row first, NaN where the map has no ground. The ground reaches to width_m and depth_m
+   * from its north-west corner: that is where its cells end, but for cells that stand for blocks of a finer ground.
+   */
   constructor(
     readonly frame: TerrainFrame,
     readonly up_m: Float32Array,
+    readonly width_m = frame.columns * frame.cell_size_m,
+    readonly depth_m = frame.rows * frame.cell_size_m,
   ) {
     if (up_m.length !== frame.rows * frame.columns) {
       throw new RangeError(`terrain of ${up_m.length} heights; ${frame.rows} x ${frame.columns} were announced`);
@@ -27,6 +32,11 @@ export class Heights {
     return lowest <= highest ? [lowest, highest] : [0, 0];
   }
 
+  get bounds(): [west: number, south: number, east: number, north: number] {
+    const { west, north } = this.frame;
+    return [west, north - this.depth_m, west + this.width_m, north];
+  }
+
   east(column: number): number {
     return this.frame.west + (column + 0.5) * this.frame.cell_size_m;
   }
@@ -35,35 +45,40 @@ export class Heights {
     return this.frame.north - (row + 0.5) * this.frame.cell_size_m;
   }
 
-  /** Bilinear between the middles of cells; NaN off the map and in its holes. */
+  /** Bilinear between the middles of cells, level from the outermost to the edge; NaN off the map and in its holes. */
   at(east: number, north: number): number {
     const { frame } = this;
-    const x = (east - frame.west) / frame.cell_size_m - 0.5;
-    const y = (frame.north - north) / frame.cell_size_m - 0.5;
-    if (!(x >= -0.5 && y >= -0.5 && x <= frame.columns - 0.5 && y <= frame.rows - 0.5)) return NaN;
-    const column = Math.min(Math.max(Math.floor(x), 0), frame.columns - 2);
-    const row = Math.min(Math.max(Math.floor(y), 0), frame.rows - 2);
+    const right_m = east - frame.west;
+    const down_m = frame.north - north;
+    if (!(right_m >= 0 && down_m >= 0 && right_m <= this.width_m && down_m <= this.depth_m)) return NaN;
+    const x = right_m / frame.cell_size_m - 0.5;
+    const y = down_m / frame.cell_size_m - 0.5;
+    const column = Math.max(Math.min(Math.floor(x), frame.columns - 2), 0);
+    const row = Math.max(Math.min(Math.floor(y), frame.rows - 2), 0);
+    const beside = Math.min(1, frame.columns - 1);
+    const under = Math.min(1, frame.rows - 1) * frame.columns;
     const right = Math.min(Math.max(x - column, 0), 1);
     const down = Math.min(Math.max(y - row, 0), 1);
     const k = row * frame.columns + column;
-    const upper = this.up_m[k] * (1 - right) + this.up_m[k + 1] * right;
-    const lower = this.up_m[k + frame.columns] * (1 - right) + this.up_m[k + frame.columns + 1] * right;
+    const upper = this.up_m[k] * (1 - right) + this.up_m[k + beside] * right;
+    const lower = this.up_m[k + under] * (1 - right) + this.up_m[k + under + beside] * right;
     return upper * (1 - down) + lower * down;
   }
 
-  /** The same ground with every `step`-th cell, each the mean of its block. */
+  /** The same ground, to the same edge, in cells `step` times as wide, each the mean of its block: at the last row and
+   * column as much of a block as is left, and none where that is less than half. */
   thinned(step: number): Heights {
     if (step <= 1) return this;
     const { frame } = this;
-    const rows = Math.max(Math.floor(frame.rows / step), 2);
-    const columns = Math.max(Math.floor(frame.columns / step), 2);
+    const rows = Math.max(Math.round(frame.rows / step), 1);
+    const columns = Math.max(Math.round(frame.columns / step), 1);
     const up_m = new Float32Array(rows * columns);
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
         up_m[row * columns + column] = this.mean(row * step, column * step, step);
       }
     }
-    return new Heights({ ...frame, cell_size_m: frame.cell_size_m * step, rows, columns }, up_m);
+    return new Heights({ ...frame, cell_size_m: frame.cell_size_m * step, rows, columns }, up_m, this.width_m, this.depth_m);
   }
 
   private mean(row: number, column: number, step: number): number {

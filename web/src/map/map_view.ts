@@ -297,11 +297,11 @@ export class MapView {
     this.ground = {
       whole,
       shown,
-      mesh: terrainMesh(shown, whole),
+      mesh: terrainMesh(shown),
       skirt: skirtMesh(shown, floor_m),
       floor_m,
       frame: drapeFrame(whole),
-      bounds: [whole.frame.west, whole.frame.north - rows * whole.frame.cell_size_m, whole.frame.west + columns * whole.frame.cell_size_m, whole.frame.north],
+      bounds: whole.bounds,
     };
     this.base = null;
     this.drapeSoon();

@@ -17,30 +17,44 @@ export function mesh(positions: number[] | Float32Array, texCoords: number[] | F
   };
 }
 
-/** (0, 0) of the texture is the north-west corner of `whole`, of which `heights` may hold every nth cell. */
-export function terrainMesh(heights: Heights, whole: Heights): Mesh {
-  const { rows, columns } = heights.frame;
-  const positions = new Float32Array(3 * rows * columns);
-  const texCoords = new Float32Array(2 * rows * columns);
-  const width_m = whole.frame.columns * whole.frame.cell_size_m;
-  const depth_m = whole.frame.rows * whole.frame.cell_size_m;
-  for (let row = 0; row < rows; row++) {
-    for (let column = 0; column < columns; column++) {
-      const k = row * columns + column;
-      const up = heights.up_m[k];
-      positions.set([heights.east(column), heights.north(row), up === up ? up : 0], 3 * k);
-      texCoords[2 * k] = (heights.east(column) - whole.frame.west) / width_m;
-      texCoords[2 * k + 1] = (whole.frame.north - heights.north(row)) / depth_m;
-    }
-  }
+/** Where cells have a vertex along a side: in their middle, and the outermost at the edge too, as `Heights.at` has it. */
+interface Side {
+  cells: number[];
+  /** From the north-west corner. */
+  at_m: number[];
+}
+
+function sideOf(count: number, cell_size_m: number, length_m: number): Side {
+  const cells = Array.from({ length: count }, (_, cell) => cell);
+  return { cells: [0, ...cells, count - 1], at_m: [0, ...cells.map((cell) => Math.min((cell + 0.5) * cell_size_m, length_m)), length_m] };
+}
+
+function sidesOf(heights: Heights): [rows: Side, columns: Side] {
+  const { rows, columns, cell_size_m } = heights.frame;
+  return [sideOf(rows, cell_size_m, heights.depth_m), sideOf(columns, cell_size_m, heights.width_m)];
+}
+
+/** (0, 0) of the texture is the north-west corner, (1, 1) the south-east one. */
+export function terrainMesh(heights: Heights): Mesh {
+  const { frame, width_m, depth_m } = heights;
+  const [rows, columns] = sidesOf(heights);
+  const across = columns.cells.length;
+  const ups = rows.cells.flatMap((row) => columns.cells.map((column) => heights.up_m[row * frame.columns + column]));
+  const positions = new Float32Array(3 * ups.length);
+  const texCoords = new Float32Array(2 * ups.length);
+  ups.forEach((up, k) => {
+    const [right_m, down_m] = [columns.at_m[k % across], rows.at_m[Math.floor(k / across)]];
+    positions.set([frame.west + right_m, frame.north - down_m, up === up ? up : 0], 3 * k);
+    texCoords.set([right_m / width_m, down_m / depth_m], 2 * k);
+  });
   const indices: number[] = [];
-  const there = (k: number) => heights.up_m[k] === heights.up_m[k];
-  for (let row = 0; row + 1 < rows; row++) {
-    for (let column = 0; column + 1 < columns; column++) {
-      const k = row * columns + column;
-      const [right, down, across] = [k + 1, k + columns, k + columns + 1];
+  const there = (k: number) => ups[k] === ups[k];
+  for (let row = 0; row + 1 < rows.cells.length; row++) {
+    for (let column = 0; column + 1 < across; column++) {
+      const k = row * across + column;
+      const [right, down, opposite] = [k + 1, k + across, k + across + 1];
       if (there(k) && there(right) && there(down)) indices.push(k, down, right);
-      if (there(right) && there(down) && there(across)) indices.push(right, down, across);
+      if (there(right) && there(down) && there(opposite)) indices.push(right, down, opposite);
     }
   }
   return mesh(positions, texCoords, indices);
@@ -48,25 +62,24 @@ export function terrainMesh(heights: Heights, whole: Heights): Mesh {
 
 /** Walls from the edge of the map down to `floor_m`. */
 export function skirtMesh(heights: Heights, floor_m: number): Mesh {
-  const { rows, columns } = heights.frame;
+  const { frame, width_m, depth_m } = heights;
+  const [rows, columns] = sidesOf(heights);
   const positions: number[] = [];
   const indices: number[] = [];
-  const wall = (k: number[]) => {
-    for (let i = 0; i + 1 < k.length; i++) {
-      const [a, b] = [heights.up_m[k[i]], heights.up_m[k[i + 1]]];
-      if (a !== a || b !== b) continue;
+  const wall = (side: Side, top: (n: number) => [right_m: number, down_m: number, up: number]) => {
+    for (let n = 0; n + 1 < side.cells.length; n++) {
+      const ends = [top(n), top(n + 1)];
+      if (ends.some(([, , up]) => up !== up)) continue;
       const first = positions.length / 3;
-      for (const j of [k[i], k[i + 1]]) {
-        const [east, north] = [heights.east(j % columns), heights.north(Math.floor(j / columns))];
-        positions.push(east, north, heights.up_m[j], east, north, floor_m);
+      for (const [right_m, down_m, up] of ends) {
+        const [east, north] = [frame.west + right_m, frame.north - down_m];
+        positions.push(east, north, up, east, north, floor_m);
       }
       indices.push(first, first + 1, first + 2, first + 2, first + 1, first + 3);
     }
   };
-  const along = (length: number, at: (n: number) => number) => wall(Array.from({ length }, (_, n) => at(n)));
-  along(columns, (n) => n);
-  along(columns, (n) => (rows - 1) * columns + n);
-  along(rows, (n) => n * columns);
-  along(rows, (n) => n * columns + columns - 1);
+  const up = (row: number, column: number) => heights.up_m[row * frame.columns + column];
+  for (const [row, down_m] of [[0, 0], [frame.rows - 1, depth_m]]) wall(columns, (n) => [columns.at_m[n], down_m, up(row, columns.cells[n])]);
+  for (const [column, right_m] of [[0, 0], [frame.columns - 1, width_m]]) wall(rows, (n) => [right_m, rows.at_m[n], up(rows.cells[n], column)]);
   return mesh(positions, new Array((positions.length / 3) * 2).fill(0), indices);
 }
