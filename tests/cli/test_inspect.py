@@ -643,6 +643,8 @@ def test_what_cannot_be_inspected_is_one_line(tmp_path: Path, recording: Path) -
     assert "it is the log of a film, which is named instead" in error_line(tmp_path / "film.SRT")
     (tmp_path / "empty").mkdir()
     assert "holds no recording" in error_line(tmp_path / "empty")
+    (tmp_path / "empty" / "zone_history.jsonl").write_text("{}")
+    assert "results of a run: `crowdfence explain`" in error_line(tmp_path / "empty")
     (tmp_path / "short.crowdmap").write_bytes(b"CROWDMAP")
     assert "short.crowdmap" in error_line(tmp_path / "short.crowdmap")
     path = write_octomap(tmp_path / "plain.bt", plain())

@@ -337,14 +337,19 @@ def _open_folder(
         return _open_photographs(path, limits, options, anchor)
     raise ValueError(
         f"{path} holds no recording: neither airsim_rec.txt (here or one folder below) nor poses.csv nor a "
-        f"rosbag2 nor photographs (.jpg) nor the layout of Wildtrack or MultiviewX{_files_in(path)}"
+        f"rosbag2 nor photographs (.jpg) nor the layout of Wildtrack or MultiviewX{_what_is_in(path)}"
     )
 
 
-def _files_in(folder: Path) -> str:
-    """Which of its files are recordings by themselves."""
+def _what_is_in(folder: Path) -> str:
+    """Which of its files are recordings by themselves; or that a run wrote it, and what reads that."""
     from crowdfence.sources.film.reader import is_film
 
+    if (folder / "zone_history.jsonl").is_file():
+        return (
+            "; it holds the results of a run: `crowdfence explain`, `export` and `route` take those, "
+            "and `inspect` the .crowdmap in it"
+        )
     files = [one for one in sorted(folder.iterdir()) if one.is_file()]
     named = [one.name for one in files if one.suffix in (".mcap", ".bag") or is_film(one)]
     return f"; name a recording in it: {', '.join(named[:_MOST_NAMED])}" if named else ""
