@@ -27,6 +27,7 @@ from support.small_videos import (
     HEIGHT,
     WIDTH,
     damage,
+    delayed,
     packet_ends,
     picture,
     side_by_side,
@@ -254,6 +255,15 @@ def test_a_video_that_was_cut_off(tmp_path: Path) -> None:
         assert isinstance(item, StreamPicture)
         assert np.abs(item.rgb.astype(int) - picture(item.number)).mean() < 8
     assert isinstance(last, SkippedPicture) and last.number == complete and "declares 1.2" in last.reason
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "mp4"])
+def test_a_video_whose_times_begin_late_is_whole(tmp_path: Path, suffix: str) -> None:
+    film = delayed(write_video(tmp_path / "film.mp4", 6), tmp_path / f"late.{suffix}", 3)
+    with Video(film) as video:
+        shown = list(video.pictures())
+    assert all(isinstance(item, StreamPicture) for item in shown)
+    assert [item.time_s for item in shown] == pytest.approx([0.1 * number for number in range(6)], abs=1e-3)
 
 
 def test_a_folder_of_pictures(model: Path, tmp_path: Path) -> None:

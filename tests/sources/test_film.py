@@ -178,6 +178,19 @@ def test_a_film_that_was_cut_is_told_by_its_subtitles(tmp_path: Path) -> None:
         assert not [warning for warning in known.warnings if "was cut off" in warning]
 
 
+def test_a_film_that_lost_its_end_says_so(tmp_path: Path) -> None:
+    """As on a card that was pulled out; where a log goes on for hours, nothing else tells it."""
+    film, start_ns = write_film(tmp_path / "a.mkv")
+    write_subtitles(tmp_path / "a.srt", start_ns, mini)
+    assert not any("declares" in warning for warning in open_recording(film).warnings)
+    film.write_bytes(film.read_bytes()[: film.stat().st_size // 2])
+    found = open_recording(film)
+    (said,) = (warning for warning in found.warnings if "declares" in warning)
+    end_s = FilmPictures(film).times_s[-1]
+    assert f"a: the file ends at {end_s:.3f} s, although it declares 5." in said
+    assert not any("was cut off" in warning for warning in found.warnings)  # why is known
+
+
 def begin_s(block: str) -> float:
     arrow = re.search(r"00:00:(\d\d)[,.](\d{3}) -->", block)
     assert arrow is not None

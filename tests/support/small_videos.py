@@ -76,6 +76,19 @@ def with_creation_time(plain: Path, told: Path, created: str) -> Path:
     return told
 
 
+def delayed(plain: Path, late: Path, by_s: int) -> Path:
+    """The film `plain` as `late`, with every time `by_s` later, as one that was cut out of a longer one."""
+    with av.open(str(plain)) as source, av.open(str(late), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None and packet.pts is not None:
+                packet.pts += int(by_s / packet.time_base)
+                packet.dts += int(by_s / packet.time_base)
+                packet.stream = stream
+                target.mux(packet)
+    return late
+
+
 def side_by_side(films: list[Path], path: Path) -> Path:
     """The pictures of several films as streams of one."""
     with av.open(str(path), "w") as target:

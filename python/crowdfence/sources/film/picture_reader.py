@@ -32,6 +32,7 @@ class FilmPictures:
             self.further_films = video.further_films
             self.created = video.metadata.get("creation_time")
             self._pts, self.times_s, self._keys = video.shown_times()
+            self.missing_end = video.missing_end(self.times_s[-1])
         self._video: Video | None = None
         self._frames: Iterator[tuple[int | None, NDArray[np.uint8] | str]] = iter(())
         self._next = 0

@@ -127,7 +127,8 @@ def read_film(
     lens = cameras.said(unplaced)
     frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
     sea = DJI_SEA_LEVEL if placed.heights == "sea" and log.timed_by_film else ""
-    cut = "" if options.clock_offset_s is not None else _cut(log, film)
+    cut = "" if options.clock_offset_s is not None or film.missing_end else _cut(log, film)
+    missing = f"{film.missing_end}: what was filmed later is lost" if film.missing_end else ""
     thermal = (
         f"by its name the film is {THERMAL}: they call the ground empty; give the film of colours of the "
         "same shot, or --detector one that was trained on thermal pictures"
@@ -143,6 +144,7 @@ def read_film(
         *clock,
         sea,
         cut,
+        missing,
         squeeze,
         left_aside(film.further_films),
         lens,

@@ -116,11 +116,8 @@ class Video:
                 yield SkippedPicture(number, "", self._time_s(item.pts), _said(error))
                 continue
             yield StreamPicture(number, "", self._time_s(item.pts), rgb)
-        declared_s = self._declared_s()
-        if declared_s is not None and declared_s - (last_s or 0.0) > _MISSING_END_S:
-            yield SkippedPicture(
-                number + 1, "", last_s, f"the file ends here, although it declares {declared_s:.3f} s"
-            )
+        if missing := self.missing_end(last_s or 0.0):
+            yield SkippedPicture(number + 1, "", last_s, missing)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -156,6 +153,14 @@ class Video:
     def metadata(self) -> dict[str, str]:
         """What the file says about itself, such as creation_time."""
         return {**self._container.metadata, **self._stream.metadata}
+
+    def missing_end(self, last_s: float) -> str:
+        """What is told of a file that is not whole, where the last frame in it is shown at `last_s`; empty
+        where it is, or does not say how long it is."""
+        declared_s = self._declared_s()
+        if declared_s is None or declared_s - last_s <= _MISSING_END_S:
+            return ""
+        return f"the file ends at {last_s:.3f} s, although it declares {declared_s:.3f} s"
 
     def shown_times(self) -> tuple[list[int], list[float], list[int]]:
         """When each frame is shown, in order, without decoding: on the clock of the stream, and in seconds
@@ -296,7 +301,10 @@ class Video:
         if self._stream.duration and self._stream.time_base:
             return float(self._stream.duration * self._stream.time_base)
         duration_us = self._container.duration
-        return None if duration_us is None or duration_us <= 0 else duration_us / 1e6
+        if duration_us is None or duration_us <= 0:
+            return None
+        # Matroska, which tells it of the whole file alone, counts from 0 whenever its film begins.
+        return duration_us / 1e6 - max(self._container.start_time or 0, 0) / 1e6
 
     def _time_s(self, pts: int | None) -> float | None:
         base = self._stream.time_base
