@@ -50,6 +50,8 @@ _CREATED_OFF_S = 60.0
 by chance, mostly."""
 _LONGEST_STEP_S = 2.1
 """Subtitles come once a second at the least."""
+_ENDS_APART_S = 0.5
+"""Beside a step of the subtitles, so far a film and they may end apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +129,8 @@ def read_film(
     lens = cameras.said(unplaced)
     frames, refused = place_cameras({drone: unplaced}, {drone: track}, Limits(gap_s, limits.max_jump_s))
     sea = DJI_SEA_LEVEL if placed.heights == "sea" and log.timed_by_film else ""
-    cut = "" if options.clock_offset_s is not None or film.missing_end else _cut(log, film)
+    is_explained = options.clock_offset_s is not None or film.missing_end
+    other_length = "" if is_explained else _other_length(log, film, step_s)
     missing = f"{film.missing_end}: what was filmed later is lost" if film.missing_end else ""
     thermal = (
         f"by its name the film is {THERMAL}: they call the ground empty; give the film of colours of the "
@@ -143,7 +146,7 @@ def read_film(
         how,
         *clock,
         sea,
-        cut,
+        other_length,
         missing,
         squeeze,
         left_aside(film.further_films),
@@ -228,14 +231,21 @@ def _squeeze(film: FilmPictures, calibration: Camera | None) -> str:
     return said
 
 
-def _cut(log: FlightLog, film: FilmPictures) -> str:
+def _other_length(log: FlightLog, film: FilmPictures, step_s: float) -> str:
     """A doubt about subtitles, which drones write as long as their films."""
     longer_s = float(log.time_s[-1]) - film.times_s[-1]
-    if not log.timed_by_film or longer_s <= _LONGEST_STEP_S:
+    if not log.timed_by_film or abs(longer_s) <= min(_LONGEST_STEP_S, _ENDS_APART_S + 1.5 * step_s):
         return ""
+    if longer_s < 0:
+        return (
+            f"its subtitles end {-longer_s:.1f} s before the film: if that was slowed down, or begins with "
+            "something else, every pose is of another moment; give the film as the drone wrote it. If they "
+            "broke off, poses are right as far as there are any"
+        )
     return (
-        f"its subtitles go on for {longer_s:.0f} s after the film has ended: if its beginning was cut off, "
-        "every pose is of another moment; say by --clock-offset how many seconds were"
+        f"its subtitles go on for {longer_s:.1f} s after the film has ended: if its beginning was cut off, "
+        "or it was made faster, every pose is of another moment; say by --clock-offset how many seconds were "
+        "cut"
     )
 
 
