@@ -1,6 +1,7 @@
 """The plain folder, and what all recordings share: instants, refusals, damaged pixels."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -247,6 +248,10 @@ def test_strange_files_and_rows_are_reported(recorded):
         (lambda d: d["cameras"]["*"].update(cx=None), "cx is None; it must be a number"),
         (lambda d: d["cameras"]["*"].update(fy=True), "fy is True; it must be a number"),
         (
+            lambda d: d["cameras"]["*"].update(distortion=[0.1, 0, 0, 0]),
+            "cannot be used: a pinhole camera has no distortion: is it brown_conrady or kannala_brandt?",
+        ),
+        (
             lambda d: d["cameras"]["*"].update(distortion=0.1),
             "distortion is 0.1; it must be a list of numbers",
         ),
@@ -282,6 +287,20 @@ def test_descriptions_that_cannot_be_used(recorded, change, message):
         open_recording(recorded)
 
 
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("*", {"width": 64}), ("fx", 30.0), ("georeference", None)],
+)
+def test_what_a_description_says_twice_is_refused(recorded, key, value):
+    """Of two cameras of one name the last counted, in silence, whichever drone it was meant for."""
+    path = recorded / "recording.json"
+    description = path.read_text()
+    assert description.count(f'"{key}":') == 1
+    path.write_text(description.replace(f'"{key}":', f'"{key}": {json.dumps(value)}, "{key}":'))
+    with pytest.raises(ValueError, match=re.escape(f"recording.json has two keys '{key}' side by side")):
+        open_recording(recorded)
+
+
 def test_a_camera_of_a_misspelt_drone_is_told(recorded):
     """The drone took the lens of all others, and its crowds lay elsewhere, in silence."""
 
@@ -312,6 +331,8 @@ def test_lens_models_of_the_description(recorded):
     )
     camera = open_recording(recorded).frames[0].camera
     assert (camera.model, list(camera.distortion)) == ("kannala_brandt", distortion)
+    edit_description(recorded, lambda d: d["cameras"]["*"].update(model="pinhole", distortion=[0, 0, 0, 0]))
+    assert not any(open_recording(recorded).frames[0].camera.distortion)
 
 
 def test_a_folder_without_description(recorded):

@@ -1,7 +1,7 @@
 """What recording.json says of a plain folder (`folder`): its cameras, its place on Earth, its map.
 
-A key of a camera that is not known is refused: where `distortion` is misspelt, the rays are others than was
-meant, and nothing would tell.
+A key of a camera that is not known is refused, and one that is there twice: where `distortion` is misspelt,
+or a second camera still has the name of the first, rays are others than was meant, and nothing would tell.
 """
 
 from __future__ import annotations
@@ -22,12 +22,18 @@ _PLACE = ("latitude_deg", "longitude_deg", "height_m")
 _MODELS = ("pinhole", "brown_conrady", "kannala_brandt")
 
 
+class _TwiceError(ValueError):
+    """A key that is there twice."""
+
+
 def read_description(path: Path, warnings: list[str]) -> dict[str, Any]:
     """The file; keys that mean nothing here are told. ValueError."""
     try:
-        description = json.loads(path.read_text(encoding="utf-8-sig"))
+        description = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_each_once)
     except FileNotFoundError:
         raise ValueError(f"{path} is missing: it must hold the cameras of the drones") from None
+    except _TwiceError as error:
+        raise ValueError(f"{path} has two keys {quoted(error.args[0])} side by side; keep one") from None
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is not JSON: {error}") from error
     if not isinstance(description, dict) or not isinstance(description.get("cameras"), dict):
@@ -55,6 +61,8 @@ def camera_of(description: Mapping[str, Any], drone: str, path: Path) -> Camera:
         model, distortion = entry.get("model", "pinhole"), _distortion(entry)
         if model not in _MODELS:
             raise ValueError(f"unknown model {model!r} ({', '.join(_MODELS)})")
+        if model == "pinhole" and any(distortion or ()):
+            raise ValueError("a pinhole camera has no distortion: is it brown_conrady or kannala_brandt?")
         if model == "kannala_brandt":
             return Camera.fisheye(width, height, fx, fy, cx, cy, distortion or (0.0, 0.0, 0.0, 0.0))
         return Camera.pinhole(width, height, fx, fy, cx, cy, distortion)
@@ -94,6 +102,16 @@ def georeference_of(description: Mapping[str, Any], path: Path) -> Georeference 
         raise ValueError(f"{whose} has no {error}; it needs {', '.join(_PLACE)}") from error
     except (OverflowError, ValueError) as error:
         raise ValueError(f"{whose}: {str(error).removeprefix('georeference: ')}") from error
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """What an object holds. JSON takes the last of two keys of one name."""
+    held: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in held:
+            raise _TwiceError(key)
+        held[key] = value
+    return held
 
 
 def _check_keys(whose: str, entry: Iterable[str], known: tuple[str, ...]) -> None:
