@@ -50,7 +50,15 @@ from support.foreign_recordings import (
     write_subtitles,
     write_ulog,
 )
-from support.small_videos import side_by_side, turn, with_creation_time, write_grey_film
+from support.small_videos import (
+    delayed,
+    picture,
+    side_by_side,
+    turn,
+    with_creation_time,
+    write_grey_film,
+    write_video,
+)
 
 
 def home() -> tuple[float, float]:
@@ -234,6 +242,15 @@ def test_frames_that_are_coded_out_of_order_are_found_too(tmp_path: Path) -> Non
     for number in (0, 1, 2, 17, 16, 39, 30, 31, 5):
         pixels = np.frombuffer(film.ppm(number), np.uint8)[-64 * 48 * 3 :]
         assert abs(pixels.mean() - 6 * number) < 3
+
+
+def test_frames_that_a_film_hides_are_none(tmp_path: Path) -> None:
+    """The beginning was cut off at 0.3 s, between key frames: frames 0 to 2 are there to decode others."""
+    film = FilmPictures(delayed(write_video(tmp_path / "a.mp4", 12), tmp_path / "cut.mp4", -0.3))
+    assert film.times_s == pytest.approx([0.1 * number for number in range(9)])
+    for number in (0, 1, 2, 8, 4, 0):
+        pixels = np.frombuffer(film.ppm(number), np.uint8)[-64 * 48 * 3 :].reshape(48, 64, 3)
+        assert np.abs(pixels.astype(int) - picture(number + 3)).mean() < 8
 
 
 def test_the_first_frames_of_a_transport_stream_are_found(tmp_path: Path) -> None:

@@ -76,14 +76,16 @@ def with_creation_time(plain: Path, told: Path, created: str) -> Path:
     return told
 
 
-def delayed(plain: Path, late: Path, by_s: int) -> Path:
-    """The film `plain` as `late`, with every time `by_s` later, as one that was cut out of a longer one."""
-    with av.open(str(plain)) as source, av.open(str(late), "w") as target:
+def delayed(plain: Path, late: Path, by_s: float) -> Path:
+    """The film `plain` as `late`, with every time `by_s` later, as one that was cut out of a longer one. MP4
+    hides what comes before 0, and has it still, as of a film that was cut between key frames."""
+    options = {"avoid_negative_ts": "disabled"}
+    with av.open(str(plain)) as source, av.open(str(late), "w", options=options) as target:
         stream = target.add_stream_from_template(source.streams.video[0])
         for packet in source.demux(video=0):
             if packet.dts is not None and packet.pts is not None:
-                packet.pts += int(by_s / packet.time_base)
-                packet.dts += int(by_s / packet.time_base)
+                packet.pts += round(by_s / packet.time_base)
+                packet.dts += round(by_s / packet.time_base)
                 packet.stream = stream
                 target.mux(packet)
     return late

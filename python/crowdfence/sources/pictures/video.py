@@ -164,19 +164,23 @@ class Video:
 
     def shown_times(self) -> tuple[list[int], list[float], list[int]]:
         """When each frame is shown, in order, without decoding: on the clock of the stream, and in seconds
-        since the film's beginning; then the key frames, on the clock of the stream.
+        since the film's beginning; then the key frames, on the clock of the stream. These may be hidden, as
+        where a film was cut off between two of them: those that are shown build on one that is not.
 
         ValueError when the file holds no frame with a time, and where times begin anew within it.
         """
         import av
 
-        shown: dict[int, bool] = {}
+        shown, keys = set[int](), set[int]()
         latest: int | None = None
         try:
             for packet in self._container.demux(self._stream):
                 if packet.pts is None or not packet.size:
                     continue
-                shown[packet.pts] = packet.is_keyframe
+                if packet.is_keyframe:
+                    keys.add(packet.pts)
+                if not packet.is_discard:
+                    shown.add(packet.pts)
                 if packet.dts is not None:
                     self._require_onward(latest, packet.dts)
                     latest = packet.dts
@@ -186,7 +190,7 @@ class Video:
         if not shown:
             raise ValueError(f"{self.path} holds no frame with a time")
         pts = sorted(shown)
-        return pts, [self._time_s(one) or 0.0 for one in pts], [one for one in pts if shown[one]]
+        return pts, [self._time_s(one) or 0.0 for one in pts], sorted(keys)
 
     def _require_onward(self, before: int | None, dts: int) -> None:
         """ValueError for a time at which a frame is decoded that lies well before that of the one before."""
