@@ -58,6 +58,24 @@ def test_what_is_used_late_is_checked_early(make: Callable[[], object], message:
         make()
 
 
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"threshold": True}, "threshold of a ZoneConfig is True; it must be a number"),
+        ({"buffer_m": True}, "buffer_m of a ZoneConfig is True; it must be a number"),
+        ({"stale_after_s": "5"}, "stale_after_s of a ZoneConfig is '5'; it must be a number"),
+        ({"opening_looks": 2.5}, "opening_looks of a ZoneConfig is 2.5; it must be a whole number"),
+        ({"max_vertices": True}, "max_vertices of a ZoneConfig is True; it must be a whole number"),
+        ({"close_unseen": "no"}, "close_unseen of a ZoneConfig is 'no'; it must be True or False"),
+        ({"close_unseen": 0}, "close_unseen of a ZoneConfig is 0; it must be True or False"),
+    ],
+)
+def test_values_of_another_kind_are_no_settings_of_zones(wrong: dict[str, Any], message: str) -> None:
+    """`threshold: yes` in a file was 1, and there were no zones."""
+    with pytest.raises(TypeError, match=f"^{re.escape(message)}$"):
+        ZoneConfig(**wrong)
+
+
 def test_what_the_core_uses_is_checked_by_the_core() -> None:
     for config, message in (
         (RunConfig(PaperConfig(prior=0.2, alpha=2.0)), "alpha is 2; it must be in (0, 1]"),

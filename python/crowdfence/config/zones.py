@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
+from crowdfence.errors import quoted
 from crowdfence.plain_values import make_plain
 from crowdfence.zones.altitude_band import DEFAULT_BAND, AltitudeBand
 from crowdfence.zones.rules import Restriction, ZoneRules
@@ -17,7 +18,7 @@ _LEAST_AREA_M2 = 3.0
 @dataclass(frozen=True, slots=True)
 class ZoneConfig:
     """Checked here and not where it is used: that is after the first frame. ValueError for a value out of
-    bounds."""
+    bounds, TypeError for one of another kind."""
 
     threshold: float | None = None
     """Probability from which ground is crowd, in (0, 1], and above the prior of a method that forgets towards
@@ -53,6 +54,8 @@ class ZoneConfig:
 
     def __post_init__(self) -> None:
         make_plain(self)
+        for field in fields(self):
+            _require_kind(field.name, getattr(self, field.name))
         if self.threshold is not None and not 0.0 < self.threshold <= 1.0:
             raise ValueError(f"threshold is {self.threshold:g}; it must be in (0, 1]")
         self.rules(_ANY_THRESHOLD)
@@ -81,3 +84,17 @@ class ZoneConfig:
             band=AltitudeBand(self.lower_m, self.upper_m, "AGL"),
             restriction=self.restriction,
         )
+
+
+def _require_kind(name: str, value: Any) -> None:
+    """Configurations are read from files too, where `yes` may be True, and True is 1 as a number."""
+    if name == "restriction" or value is None:
+        return
+    if name == "close_unseen":
+        fits, kind = isinstance(value, bool), "True or False"
+    elif name in ("opening_looks", "max_vertices"):
+        fits, kind = isinstance(value, int) and not isinstance(value, bool), "a whole number"
+    else:
+        fits, kind = isinstance(value, (int, float)) and not isinstance(value, bool), "a number"
+    if not fits:
+        raise TypeError(f"{name} of a ZoneConfig is {quoted(value)}; it must be {kind}")
