@@ -280,6 +280,14 @@ def test_options_of_the_map_reader_reach_it(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["terrain"]["voxel_size_m"] == 5.0
     for option, message in (("units=10", "units"), ("unit_m", "must be NAME=VALUE")):
         assert message in error_line(crowdfence(*common, "-o", tmp_path / "no", "--terrain-option", option))
+    for options, name in (
+        # The last counted, and the map lay 48 m lower without a word.
+        (("height_offset_m=48", "height_offset_m=0"), "height_offset_m"),
+        (("voxel_size_m=2",), "--voxel-size-m"),
+    ):
+        twice = [word for option in options for word in ("--terrain-option", option)]
+        done = crowdfence(*common, "-o", tmp_path / "no", *twice)
+        assert f"the map is told {name} twice" in error_line(done)
 
 
 def test_evaluate_scores_every_method_and_keeps_the_gate(airsim: Path) -> None:

@@ -546,7 +546,7 @@ def terrain_options(
     """What `pipeline.open_terrain` and the map readers are told, as far as it was given. Values of pairs that
     read as JSON are numbers, booleans or lists, others are text.
 
-    ValueError for a pair without "=" and an origin that is no place on Earth.
+    ValueError for a pair without "=", what is said twice, and an origin that is no place on Earth.
     """
     options: dict[str, Any] = {} if voxel_size_m is None else {"voxel_size_m": voxel_size_m}
     if origin is not None:
@@ -557,6 +557,8 @@ def terrain_options(
         name, equals, value = pair.partition("=")
         if not (name and equals):
             raise ValueError(f"--terrain-option {pair!r} must be NAME=VALUE")
+        if name in options:
+            raise ValueError(f"the map is told {name} twice; say it once")
         try:
             options[name] = json.loads(value)
         except json.JSONDecodeError:
