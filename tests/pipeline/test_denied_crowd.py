@@ -88,6 +88,68 @@ def test_false_alarms_that_flash_up_now_and_then_are_no_row() -> None:
     assert told_at(after(*[view(number) for number in range(5)], view(60.0)))["uav2"] is not None
 
 
+def shows_and_misses(
+    rounds: int, *, every_s: float = 15.0, between: dict[str, float] | None = None
+) -> DeniedCrowd:
+    """uav1 shows the crowd once in so long, and half of that later uav2 sees nobody there; or others do so
+    `between` the two. What uav1 shows stands for 2 s: nothing of it does when uav2 looks."""
+    denied, none = DeniedCrowd(), np.empty(0, np.int64)
+    for number in range(rounds):
+        stamp_s = every_s * number
+        denied.look([view(stamp_s, 0.9, drone="uav1", voxels=40)], CROWD, CROWD)
+        if between is not None:
+            denied.look([view(**{"stamp_s": stamp_s + 4.0} | between)], none, none)  # type: ignore[arg-type]
+        denied.look([view(stamp_s + every_s / 2.0)], none, none)
+    return denied
+
+
+@pytest.mark.parametrize("every_s", [5.0, 15.0, 300.0])
+def test_crowd_that_stays_where_a_drone_sees_nobody_is_denied_however_seldom_others_look(
+    every_s: float,
+) -> None:
+    assert not shows_and_misses(5, every_s=every_s).warnings, "shown again four times"
+    denied = shows_and_misses(6, every_s=every_s)
+    (told,) = denied.warnings
+    assert told.startswith(
+        f"uav2 saw nobody in 5 looks in a row, over {4.0 * every_s:.0f} s, where other drones "
+    )
+    assert told_at(denied, 5.5 * every_s)["uav2"] == told
+
+
+@pytest.mark.parametrize(
+    "between",
+    [
+        {"drone": "uav1"},  # who showed it sees nobody either: it has gone, or was a false alarm
+        {"drone": "uav2", "mean": 0.06},  # somebody there, faintly
+        {"drone": "uav2", "mean": 0.6},
+    ],
+)
+def test_crowd_that_goes_and_comes_is_not_denied(between: dict[str, float]) -> None:
+    assert not shows_and_misses(20, between=between).warnings
+
+
+@pytest.mark.parametrize(
+    "between",
+    [
+        {"drone": "uav3"},  # as blind: it never showed anybody
+        {"drone": "uav1", "range_m": 121.0},  # people may be missed
+        {"drone": "uav1", "tilt_deg": -5.0},
+    ],
+)
+def test_who_may_miss_it_too_takes_no_crowd_away(between: dict[str, float]) -> None:
+    assert "uav2" in {told.split()[0] for told in shows_and_misses(6, between=between).warnings}
+
+
+@pytest.mark.parametrize("look", [{"range_m": 121.0}, {"tilt_deg": -5.0}, {"voxels": 19}])
+def test_crowd_that_a_drone_may_miss_is_not_denied(look: dict[str, float]) -> None:
+    denied = DeniedCrowd()
+    for number in range(20):
+        denied.look([view(15.0 * number, 0.9, drone="uav1", voxels=40)], CROWD, CROWD)
+        late = view(**{"stamp_s": 15.0 * number + 7.0} | look)  # type: ignore[arg-type]
+        denied.look([late], np.empty(0, np.int64), CROWD)
+    assert not denied.warnings
+
+
 BLIND = [view(number) for number in range(5)]
 
 
@@ -165,3 +227,17 @@ def test_a_run_warns_of_a_drone_that_sees_nobody() -> None:
     assert any(zone.polygon.contains(Point(20.0, 22.0)) for zone in run.zones)
     both_see = cf.run(recording([sharp(one) for one in views(20, ["uav1", "uav2"])]), plain(), CONFIG)
     assert not [one for one in both_see.warnings if "saw nobody" in one]
+
+
+def test_a_run_warns_of_a_drone_that_sees_nobody_where_another_looks_seldom() -> None:
+    """A picture in 15 s each: what one shows stands for 2 s, and the other opens it 7 s later."""
+    flown = []
+    for number in range(7):
+        for drone, late_s in (("uav1", 0.0), ("uav2", 7.0)):
+            one = sharp(views(1, ["uav1"])[0], blind=drone == "uav2")
+            stamp_ns = one.stamp_ns + round((15.0 * number + late_s) * SECOND_NS)
+            flown.append(cf.View(drone, stamp_ns, one.camera, one.world_from_camera, one.heatmap))
+    run = cf.run(recording(flown), plain(), CONFIG)
+    assert not run.zones
+    (told,) = [one for one in run.warnings if "saw nobody" in one]
+    assert told.startswith("uav2 saw nobody in 6 looks in a row, over 75 s, ")

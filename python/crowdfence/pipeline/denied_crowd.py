@@ -2,7 +2,7 @@
 
 A covered lens, or a detector that fails at dusk, shows an empty field with full weight. What another drone
 clearly shows at the time is closed all the same (`CrowdMap.shown_ids`); ground that the blind one alone has
-in view opens.
+in view opens, and so does what others look at seldom (`crowd_that_stays.py`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Observation
+from crowdfence.pipeline.crowd_that_stays import (
+    CROWD,
+    LEAST_VOXELS,
+    NEARLY_ALL,
+    NOBODY,
+    CrowdThatStays,
+    Missed,
+    looks_closely,
+)
 from crowdfence.zones.sorted_keys import are_among, distinct, united
 
 LEAST_LOOKS = 5
@@ -25,13 +34,6 @@ LEAST_S = 3.0
 _APART_S = 10.0
 """Longer between two of them, and they are of two occasions: false alarms that flash up now and then make no
 row, however long the flight."""
-_LEAST_VOXELS = 20
-"""That somebody shows within a look, or it says nothing."""
-_SHARP_M = 0.3
-"""Metres per pixel up to which nobody should be missed there."""
-_NOBODY = 0.05
-"""A smaller value shows nobody."""
-_NEARLY_ALL = 0.95
 _SHOWS_NS = 2_000_000_000
 """So long it stands what a drone showed itself (`crowd_map/shown.rs`)."""
 _GONE_NS = 60_000_000_000
@@ -113,6 +115,7 @@ class DeniedCrowd:
         """Drones of which it was known at some time whether they see anything."""
         self._most: dict[str, _Denials] = {}
         """The longest rows of each drone that are long enough to be told."""
+        self._stays = CrowdThatStays()
         self._showed_ns: dict[str, int] = {}
         self._ever = _NONE
         """All ground that was crowd at any time, sorted."""
@@ -128,6 +131,8 @@ class DeniedCrowd:
         with self._lock:
             for observation in observations:
                 self._look(observation, shown_ids)
+                for drone, missed in self._stays.look(observation, shown_ids).items():
+                    self._stayed(drone, missed)
             # Behind the looks: what one of them opened was crowd before.
             for ids in (shown_ids, crowd_ids):
                 new = ids[~are_among(ids, self._ever)]
@@ -137,19 +142,19 @@ class DeniedCrowd:
 
     def _look(self, observation: Observation, shown_ids: NDArray[np.int64]) -> None:
         drone, stamp_ns, mean = observation.drone, observation.stamp_ns, observation.mean
-        if (mean > 0.5).any():
+        if (mean > CROWD).any():
             self._showed_ns[drone] = max(stamp_ns, self._showed_ns.get(drone, stamp_ns))
             self._now[drone] = None
             self._decided.add(drone)
             return
         shows_itself = stamp_ns - self._showed_ns.get(drone, -_SHOWS_NS - 1) <= _SHOWS_NS
-        if shows_itself or len(shown_ids) < _LEAST_VOXELS:
+        if shows_itself or len(shown_ids) < LEAST_VOXELS:
             return
-        looked = _looks_closely(observation) & are_among(observation.voxel_ids, shown_ids)
+        looked = looks_closely(observation) & are_among(observation.voxel_ids, shown_ids)
         there = mean[looked]
-        if len(there) < _LEAST_VOXELS:
+        if len(there) < LEAST_VOXELS:
             return
-        if np.mean(there < _NOBODY) < _NEARLY_ALL:
+        if np.mean(there < NOBODY) < NEARLY_ALL:
             self._now[drone] = None
             self._decided.add(drone)
             return
@@ -158,10 +163,24 @@ class DeniedCrowd:
             begun = _Denials.begun(stamp_ns)
             doubt = self._now[drone] = _Doubt(begun, begun, stamp_ns)
         doubt.denied(stamp_ns)
-        if doubt.row.are_many:
-            self._decided.add(drone)
-        if doubt.row.are_many and (drone not in self._most or doubt.row.looks > self._most[drone].looks):
-            self._most[drone] = doubt.row
+        self._tell(drone, doubt.row)
+
+    def _stayed(self, drone: str, missed: Missed) -> None:
+        """A look of a drone that saw nobody was wrong, however long ago it was that the crowd was shown."""
+        row = _Denials(missed.times, missed.first_ns, missed.looked_ns)
+        if not row.are_many:
+            return
+        doubt = self._now.get(drone)
+        if doubt is None or not doubt.row.are_many:
+            self._now[drone] = _Doubt(row, row, row.first_ns, missed.voxel_ids, missed.looked_ns)
+        self._tell(drone, row)
+
+    def _tell(self, drone: str, row: _Denials) -> None:
+        if not row.are_many:
+            return
+        self._decided.add(drone)
+        if drone not in self._most or row.looks > self._most[drone].looks:
+            self._most[drone] = row
 
     def _settle(self, observation: Observation) -> None:
         """What a drone in doubt looks at rests on its word until one that is not in doubt looks there."""
@@ -176,7 +195,7 @@ class DeniedCrowd:
             if doubt is None or drone == observation.drone or observation.stamp_ns <= doubt.looked_ns:
                 continue
             if len(doubt.unsettled):
-                closely = observation.voxel_ids[_looks_closely(observation)]
+                closely = observation.voxel_ids[looks_closely(observation)]
                 doubt.unsettled = doubt.unsettled[~are_among(doubt.unsettled, closely)]
 
     def now(self, now_ns: int) -> dict[str, Denial | None]:
@@ -202,12 +221,6 @@ class DeniedCrowd:
         """One sentence for each drone that saw nobody there at any time."""
         with self._lock:
             return [_sentence(drone, row) for drone, row in sorted(self._most.items())]
-
-
-def _looks_closely(observation: Observation) -> NDArray[np.bool_]:
-    """Of its voxels, whether nobody should be missed there."""
-    near = observation.range_m <= _SHARP_M * observation.focal_px
-    return np.asarray(near & (observation.tilt_deg > 0.0))
 
 
 def _sentence(drone: str, row: _Denials) -> str:
