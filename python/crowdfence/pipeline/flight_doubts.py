@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Observation, View
 from crowdfence.pipeline.blind_drones import BlindDrones
+from crowdfence.pipeline.crowds_apart import CrowdsApart
 from crowdfence.pipeline.denied_crowd import DeniedCrowd
 from crowdfence.pipeline.detect import HeatmapSource
 from crowdfence.pipeline.heatmap_units import HeatmapUnits
@@ -21,7 +22,7 @@ class FlightDoubts:
 
     def __init__(self, heatmaps: HeatmapSource, layer: str) -> None:
         """`heatmaps`: who makes them, of which `layer`."""
-        self._units, self._denied = HeatmapUnits(), DeniedCrowd()
+        self._units, self._denied, self._apart = HeatmapUnits(), DeniedCrowd(), CrowdsApart()
         self._nobody = NobodyShown() if heatmaps.kind != "model" and layer == CROWD else None
         self.blind = BlindDrones()
 
@@ -37,10 +38,12 @@ class FlightDoubts:
         self.blind.look(views, observations)
         # What is settled, for which the crowd on the map counts, is asked of a fleet that flies.
         self._denied.look(observations, shown_ids, shown_ids)
+        self._apart.look(observations, shown_ids)
 
     def warnings(self, drones: Sequence[str], max_range_m: float) -> list[str]:
         """Units of heatmaps, heatmaps of nobody, `drones` that saw nothing of the map, and those that saw
-        nobody where others did, one sentence each."""
+        nobody where others did, and crowds that two showed at two places, one sentence each."""
         nobody = [] if self._nobody is None else self._nobody.warnings
         of_heatmaps = [*self._units.warnings, *nobody]
-        return [*of_heatmaps, *self.blind.warnings(drones, max_range_m), *self._denied.warnings]
+        of_drones = [*self.blind.warnings(drones, max_range_m), *self._denied.warnings]
+        return [*of_heatmaps, *of_drones, *self._apart.warnings]

@@ -1,0 +1,108 @@
+"""Two drones that each show crowd only where the other sees nobody: one crowd at two places, most likely, and
+at neither of its own. So it is where heights of poses and map do not fit, or a heading is wrong: every drone
+puts the crowd on another side, and the look of another one opens its zone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdfence._core import Observation
+from crowdfence.pipeline.crowd_that_stays import CROWD, LEAST_VOXELS, NEARLY_ALL, NOBODY, looks_closely
+from crowdfence.zones.sorted_keys import are_among
+
+LEAST_LOOKS = 5
+"""In a row of a pair, without one at which both show the same ground."""
+LEAST_S = 3.0
+"""From the first of them to the last: false alarms of two drones stand for 2 s."""
+_TOGETHER_NS = 2_000_000_000
+"""So far apart two looks are of the same moment."""
+
+
+class _Look(NamedTuple):
+    stamp_ns: int
+    shows: NDArray[np.int64]
+    """Voxels that it clearly shows as crowd, sorted."""
+    closely: NDArray[np.int64]
+    """Voxels at which it would not have missed anybody, sorted."""
+    empty: NDArray[np.int64]
+    """Those of them that show nobody."""
+
+
+@dataclass(slots=True)
+class _Row:
+    looks: int
+    first_ns: int
+    last_ns: int
+
+    @property
+    def is_told(self) -> bool:
+        return self.looks >= LEAST_LOOKS and self.last_ns - self.first_ns >= LEAST_S * 1e9
+
+
+class CrowdsApart:
+    """Looks at observations as they pass."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, _Look] = {}
+        self._rows: dict[tuple[str, str], _Row] = {}
+        self._most: dict[tuple[str, str], _Row] = {}
+        """The longest row of each pair that is long enough to be told."""
+
+    def look(self, observations: Sequence[Observation], shown_ids: NDArray[np.int64]) -> None:
+        """What was taken in together, and the voxels that some look clearly shows as crowd after it."""
+        for one in observations:
+            closely = looks_closely(one)
+            shows = one.voxel_ids[one.mean > CROWD]
+            look = _Look(
+                one.stamp_ns,
+                shows[are_among(shows, shown_ids)],
+                one.voxel_ids[closely],
+                one.voxel_ids[closely & (one.mean < NOBODY)],
+            )
+            for drone, other in self._last.items():
+                if drone != one.drone and abs(look.stamp_ns - other.stamp_ns) <= _TOGETHER_NS:
+                    self._compare(tuple(sorted((drone, one.drone))), look, other)
+            self._last[one.drone] = look
+
+    def _compare(self, pair: tuple[str, ...], look: _Look, other: _Look) -> None:
+        first, second = pair
+        here, there = _denied(look.shows, other), _denied(other.shows, look)
+        if here is None or there is None:
+            return
+        if not (here and there):
+            self._rows.pop((first, second), None)
+            return
+        row = self._rows.setdefault((first, second), _Row(0, look.stamp_ns, look.stamp_ns))
+        row.looks += 1
+        row.first_ns, row.last_ns = min(row.first_ns, look.stamp_ns), max(row.last_ns, look.stamp_ns)
+        longest = self._most.get((first, second))
+        if row.is_told and (longest is None or row.looks > longest.looks):
+            self._most[first, second] = row
+
+    @property
+    def warnings(self) -> list[str]:
+        """At most one sentence, of the pair with the longest row."""
+        if not self._most:
+            return []
+        (first, second), row = max(self._most.items(), key=lambda item: item[1].looks)
+        others = len(self._most) - 1
+        so_did = f", and so did {others} other pair{'s' if others > 1 else ''} of drones" if others else ""
+        return [
+            f"{first} and {second} each showed crowd only where the other saw nobody, in {row.looks} looks "
+            f"in a row, over {(row.last_ns - row.first_ns) / 1e9:.0f} s{so_did}: zones lie beside their "
+            "crowds, or the crowds are false alarms. Do heights of poses and map count from the same level, "
+            "and is every heading right?"
+        ]
+
+
+def _denied(shows: NDArray[np.int64], other: _Look) -> bool | None:
+    """Whether a look of another drone saw nobody there; None where it had too little of it in view to say."""
+    looked = np.count_nonzero(are_among(shows, other.closely))
+    if looked < LEAST_VOXELS:
+        return None
+    return bool(np.count_nonzero(are_among(shows, other.empty)) >= NEARLY_ALL * looked)
