@@ -57,10 +57,10 @@ def test_a_crowd_that_two_drones_show_at_two_places_is_told() -> None:
         "uav1 and uav2 each showed crowd only where the other saw nobody, in 7 looks in a row, over 3 s: "
     )
     assert not after(*pairs(3)), "2 s, as long as a false alarm stands"
-    # A picture in a minute, of both within 2 s: only looks of the same moment are compared.
-    (told,) = after(*pairs(6, every_s=60.0, late_s=1.5))
+    # A picture in a minute, of both within 1 s: only looks of the same moment are compared.
+    (told,) = after(*pairs(6, every_s=60.0, late_s=0.9))
     assert ", in 6 looks in a row, over 300 s: " in told
-    assert not after(*pairs(6, every_s=60.0, late_s=2.5))
+    assert not after(*pairs(6, every_s=60.0, late_s=1.1))
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,8 @@ LEAST_LOOKS = 5
 """In a row of a pair, without one at which both show the same ground."""
 LEAST_S = 3.0
 """From the first of them to the last: false alarms of two drones stand for 2 s."""
-_TOGETHER_NS = 2_000_000_000
-"""So far apart two looks are of the same moment."""
+_TOGETHER_NS = 1_000_000_000
+"""So far apart two looks are of one moment: whoever runs has gone 3 m by then, less than a crowd is wide."""
 
 
 class _Look(NamedTuple):
