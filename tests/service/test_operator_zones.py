@@ -461,6 +461,25 @@ def test_crowd_that_comes_to_a_dismissed_zone_is_told(tmp_path: Path) -> None:
         assert alert is not None and alert.level == "warning" and "closed again" in alert.text
 
 
+def test_crowd_that_comes_to_a_zone_that_was_dismissed_once_more_is_told_once_more(tmp_path: Path) -> None:
+    """Also where views come late, so that it came at a stamp before the first dismissal had ended."""
+    with running(tmp_path) as service:
+        flown(service, 12)
+        mission = service.mission
+        zone = next(one for one in mission.found)
+        newest_ns = mission.newest.stamp_ns
+        text = f"zone {zone.id} is closed again: it is no longer dismissed"
+        service.alerts.clear("new_zone", newest_ns, zone=zone.id)  # that it appeared
+        service.alerts.raise_("new_zone", "warning", text, newest_ns - SECOND_NS // 10, zone=zone.id)
+        service.decide(User("ana", "operator"), "dismiss", zone.id, "two cars")
+        mission.publish(newest_ns - SECOND_NS // 2)
+        grown = replace(zone, polygon=zone.polygon.buffer(9.0), crowd_outline=None)
+        mission.found = replace(mission.found, zones=(grown,), events=())
+        mission.publish(newest_ns - SECOND_NS // 4)
+        alert = service.alerts.active("new_zone", zone=zone.id)
+        assert alert is not None and (alert.text, alert.raised_ns) == (text, newest_ns - SECOND_NS // 4)
+
+
 @pytest.mark.parametrize("kind", ["split", "merged"])
 def test_dismissed_ground_that_is_closed_under_another_name_is_told(tmp_path: Path, kind: EventKind) -> None:
     """As a new zone, for those who fly through it to know, or not at all."""

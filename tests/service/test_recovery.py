@@ -2,6 +2,7 @@
 
 import json
 import random
+import shutil
 import sqlite3
 import zlib
 from contextlib import suppress
@@ -17,6 +18,8 @@ from starlette.testclient import TestClient
 
 from crowdfence import Detector, FrameLoop, Georeference, project
 from crowdfence.config import EvidenceConfig
+from crowdfence.service.access import User
+from crowdfence.service.clock import Clock
 from crowdfence.service.gate import Refused
 from crowdfence.service.mission import Mission
 from crowdfence.service.opening import live
@@ -217,6 +220,58 @@ def test_operators_and_alerts_survive(tmp_path: Path) -> None:
             ("add", "ambulance"),
         ]
         assert any(alert["text"] == "nearly full" for alert in http.get("/api/v1/alerts").json()["alerts"])
+
+
+def told_of_zones(service: Service) -> list[tuple[str, str, int, bool]]:
+    """The oldest first: which zone, what, when, and whether it is over."""
+    alerts = [one for one in service.alerts.all()[::-1] if one.kind == "new_zone"]
+    return [(one.zone or "", one.text, one.raised_ns, one.cleared_ns is not None) for one in alerts]
+
+
+def test_zones_of_records_that_were_not_in_the_map_yet_are_told(tmp_path: Path) -> None:
+    """Of views that were acknowledged, and came into the map at the next start, nobody heard."""
+    kept = {"settings": replace(SETTINGS, snapshot_every=1000)}
+    with running(tmp_path / "one", **kept) as service:
+        give(service, views(15))
+        expected = told_of_zones(service)
+        crash(tmp_path / "one", tmp_path / "crashed")
+    assert expected
+    shutil.copytree(tmp_path / "crashed", tmp_path / "untold")
+    damage(tmp_path / "untold", "DELETE FROM alerts")
+    for folder in ("untold", "crashed"):  # and what was told is not told twice
+        with running(tmp_path / folder, **kept) as service:
+            assert told_of_zones(service) == expected
+
+
+def test_a_dismissal_that_ends_in_records_that_were_not_in_the_map_yet_is_told_once(tmp_path: Path) -> None:
+    """Whoever was let through flies there still."""
+    now = [START_NS]
+    how = {
+        "clock": Clock("system", system=lambda: now[0], steady=lambda: now[0]),
+        "settings": replace(SETTINGS, snapshot_every=1000),
+    }
+
+    def fly(service: Service, first: int, last: int) -> None:
+        for one in views(last)[3 * first :]:
+            now[0] = max(now[0], one.stamp_ns)
+            give(service, [one])
+
+    def closed_again(service: Service) -> list[str]:
+        return [one.text for one in service.alerts.all() if (one.kind, one.level) == ("new_zone", "warning")]
+
+    with running(tmp_path / "one", **how) as service:
+        fly(service, 0, 9)
+        service.decide(User("ana", "operator"), "dismiss", "Z1", "film crew")
+        now[0] += 61 * 1_000_000_000
+        fly(service, 320, 330)
+        service.store.flush()
+        assert closed_again(service) == ["zone Z1 is closed again: it is no longer dismissed"]
+        crash(tmp_path / "one", tmp_path / "crashed")
+    shutil.copytree(tmp_path / "crashed", tmp_path / "untold")
+    damage(tmp_path / "untold", "DELETE FROM alerts")
+    for folder in ("untold", "crashed"):
+        with running(tmp_path / folder, **how) as service:
+            assert closed_again(service) == ["zone Z1 is closed again: it is no longer dismissed"]
 
 
 Given = tuple[str, Any]

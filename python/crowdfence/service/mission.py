@@ -33,7 +33,8 @@ from crowdfence.zones.zone import closed_of
 if TYPE_CHECKING:
     from crowdfence.pipeline.detect import HeatmapSource
 
-OnMoment = Callable[[Moment], None]
+OnMoment = Callable[[Moment, Moment | None], None]
+"""Told what is published now, and what was before."""
 
 _BELIEF_COSTS_AT_MOST = 0.05
 """Share of the time that goes into maps for the history."""
@@ -177,13 +178,14 @@ class Mission:
         # Stamps may be ahead of the clock, as far as views may: a dismissal is no shorter for it.
         zones, marks = self.operator_zones.applied_to(found, min(stamp_ns, self._now_ns()))
         number = 1 if self.newest is None else self.newest.number + 1
+        before = self.newest
         moment = Moment(number, stamp_ns, zones, marks, self._figures(found, zones))
         self.newest = moment
         # What became of zones is told with the step that brought it, and not again with what operators do.
         self.found = replace(found, events=())
         self.timeline.add(moment)
         for listener in self.listeners:
-            listener(moment)
+            listener(moment, before)
         return moment
 
     def _figures(self, found: ZoneSet, zones: ZoneSet) -> dict[str, Any]:

@@ -178,6 +178,8 @@ def live(
             masks=inputs.camera_masks,
             detector_threads=detector_threads,
         )
+        watch = Watch(service)
+        service.mission.listeners.append(watch.happened)
         damaged = going.applying.recover()
         clock.saw(going.newest_ns)
         service.fleet.restarted_ns = going.newest_ns
@@ -191,8 +193,6 @@ def live(
         service.live = going
         if service.mission.newest is not None or clock.now_ns():  # else it has no place on a time line
             service.publish(service.moment(None))
-        watch = Watch(service)
-        service.mission.listeners.append(watch.happened)
         going.applying.apply_static()
         service.mission.end_dismissals_of_the_future()
         going.start()

@@ -230,7 +230,7 @@ class Service:
         now_ns = self.now_ns()
         return newest.stamp_ns > now_ns and at_ns >= now_ns - _ASKED_WITHIN_NS
 
-    def publish(self, moment: Moment) -> None:
+    def publish(self, moment: Moment, before: Moment | None = None) -> None:
         """A listener of the mission."""
         self.hub.step(lambda with_static: self.step_json(moment, with_static=with_static))
 

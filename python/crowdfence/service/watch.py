@@ -55,9 +55,6 @@ class Watch:
         self._stopping = Event()
         self._thread = Thread(target=self._look_all, name="watch", daemon=True)
         self._tidied_s = time.monotonic()
-        newest = service.mission.newest
-        self._dismissed = set() if newest is None else _dismissed(newest)
-        """Zones that drones may pass, at the moment before; that may be one before a restart."""
         self._met: tuple[set[str], int] = set(), 0
         """All drones that came or are expected, and when the last one was new."""
         self._pose_causes: dict[str, str] = {}
@@ -113,35 +110,54 @@ class Watch:
         self._disk()
         self._dismissals()
 
-    def happened(self, moment: Moment) -> None:
-        """A listener of the mission: new zones, and those that are closed again."""
-        self._ended_dismissals(moment)
+    def happened(self, moment: Moment, before: Moment | None) -> None:
+        """A listener of the mission: new zones, and those that are closed again. After a crash also of what
+        comes into the map anew; what was told of it before is not told again."""
+        self._ended_dismissals(moment, before)
         for event in moment.zones.events:
             if event.kind in ("created", "split"):
                 zone = next((one for one in moment.zones if one.id == event.id), None)
                 if zone is not None:
                     whence = "appeared" if event.other is None else f"came out of {event.other}"
                     text = f"zone {zone.id} {whence}: {square_metres(zone.area_m2)} of crowd"
-                    self._service.alerts.raise_("new_zone", "info", text, moment.stamp_ns, zone=zone.id)
+                    self._tell_of(zone.id, "info", text, moment.stamp_ns)
             elif event.kind in ("expired", "merged"):
                 self._service.alerts.clear("new_zone", moment.stamp_ns, zone=event.id)
 
-    def _ended_dismissals(self, moment: Moment) -> None:
+    def _tell_of(
+        self, zone: str, level: Level, text: str, stamp_ns: int, dismissed_ns: int | None = None
+    ) -> None:
+        """Unless it was told, at this stamp or, where the clock may have ended a dismissal, since that."""
+        alerts = self._service.alerts
+        told_ns = [
+            one.raised_ns
+            for one in alerts.all()
+            if one.zone == zone and one.kind == "new_zone" and one.text == text
+        ]
+        if stamp_ns in told_ns or (dismissed_ns is not None and max(told_ns, default=0) > dismissed_ns):
+            return
+        if level != "info":
+            alerts.clear("new_zone", stamp_ns, zone=zone)
+        alerts.raise_("new_zone", level, text, stamp_ns, zone=zone)
+
+    def _ended_dismissals(self, moment: Moment, previous: Moment | None) -> None:
         """A dismissal that ends before its time, also where its ground goes on under another name: whoever
         flies through it must hear of it."""
-        before, marks = self._dismissed, moment.marks
-        now = self._dismissed = _dismissed(moment)
-        texts = {name: f"zone {name} is closed again: it is no longer dismissed" for name in before - now}
+        before, now, marks = _dismissed(previous), _dismissed(moment), moment.marks
+        for_ns = round(self._service.settings.dismissed_for_s * _SECOND_NS)
+        texts = {
+            name: (f"zone {name} is closed again: it is no longer dismissed", before[name])
+            for name in before.keys() - now.keys()
+        }
         for event in moment.zones.events:
             old, new = (event.other, event.id) if event.kind == "split" else (event.id, event.other)
             if event.kind in ("split", "merged") and old in before and new is not None and new not in now:
-                texts.setdefault(new, f"zone {new} closes ground of {old}, which was dismissed")
+                text = f"zone {new} closes ground of {old}, which was dismissed"
+                texts.setdefault(new, (text, before[old]))
         for zone in moment.zones:
             if zone.id in texts and not marks.get(zone.id, {}).get("locked"):
-                self._service.alerts.clear("new_zone", moment.stamp_ns, zone=zone.id)
-                self._service.alerts.raise_(
-                    "new_zone", "warning", texts[zone.id], moment.stamp_ns, zone=zone.id
-                )
+                text, until_ns = texts[zone.id]
+                self._tell_of(zone.id, "warning", text, moment.stamp_ns, until_ns - for_ns)
 
     def _silence(self) -> None:
         service, now_ns, live = self._service, self._service.now_ns(), self._service.live
@@ -527,8 +543,10 @@ def _early_text(drone: str, early_s: float, by_feed: bool) -> str:
     return text + _OF_ANOTHER_TIME if by_feed else text
 
 
-def _dismissed(moment: Moment) -> set[str]:
-    return {name for name, mark in moment.marks.items() if mark.get("dismissed")}
+def _dismissed(moment: Moment | None) -> dict[str, int]:
+    """Zones that drones may pass, and until when."""
+    marks = {} if moment is None else moment.marks
+    return {name: int(mark["dismissed"]["until_ns"]) for name, mark in marks.items() if mark.get("dismissed")}
 
 
 def trim(connection: sqlite3.Connection, table: str, room: int) -> None:

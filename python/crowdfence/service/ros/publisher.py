@@ -64,7 +64,7 @@ class RosPublisher:
         self._news.set()
         self._thread.join()
 
-    def _happened(self, moment: Moment) -> None:
+    def _happened(self, moment: Moment, before: Moment | None) -> None:
         self._news.set()
 
     def _publish_all(self) -> None:
