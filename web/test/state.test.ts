@@ -1,9 +1,10 @@
-import { describe, expect, it, vi } from "vitest";
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { formatLink, parseLink } from "../src/state/deep_link";
 import { notify } from "../src/state/session";
 import { EMPTY_STATE, store, Store } from "../src/state/store";
 import type { Alert, AlertLevel } from "../src/api/contract";
 import { byUrgency, isOpen, marks, subjectOf, withAlert } from "../src/state/alerts";
+import { elapsed_ms } from "../src/state/elapsed";
 import { pauseOf } from "../src/state/pace";
 import { thinned } from "../src/state/thinning";
 import type { Drone } from "../src/api/contract";
@@ -74,9 +75,11 @@ describe("a moment that a long time line steps over", () => {
 });
 
 describe("now", () => {
+  beforeEach(() => void vi.useFakeTimers());
+  afterEach(() => void vi.useRealTimers());
+
   it("is the time of the service while views arrive, so that what comes late does not look new", () => {
-    vi.spyOn(performance, "now").mockReturnValue(700);
-    const moment = { stamp_ms: 10_000, lag_s: 7, arrived: 500 } as unknown as (typeof EMPTY_STATE)["moment"];
+    const moment = { stamp_ms: 10_000, lag_s: 7, arrived: elapsed_ms() - 200 } as unknown as (typeof EMPTY_STATE)["moment"];
     const live = { ...EMPTY_STATE, moment, mode: "live" as const, time: { ...EMPTY_STATE.time, following: true } };
     expect(now_ms(live)).toBe(10_000 + 7_000 + 200);
     expect(behind_s(live)).toBe(7);
@@ -84,43 +87,50 @@ describe("now", () => {
     expect(now_ms(past)).toBe(10_000);
     expect(behind_s(past)).toBe(0);
     expect(now_ms({ ...live, mode: "replay" })).toBe(10_000);
-    vi.restoreAllMocks();
   });
 
   describe("in silence", () => {
     const drone = (name: string, age_s: number | null, status: Drone["status"]) => ({ drone: name, age_s, status }) as Drone;
-    const moment = { stamp_ms: 10_000, lag_s: 55, silent_s: 54, arrived: 500, drones: [drone("a", 1, "ok"), drone("b", 4, "ok"), drone("c", null, "never")] };
+    const moment = { stamp_ms: 10_000, lag_s: 55, silent_s: 54, arrived: 0, drones: [drone("a", 1, "ok"), drone("b", 4, "ok"), drone("c", null, "never")] };
     const scene = { silent_after_s: 5, zone_rules: { stale_after_s: 30 } };
     const belief = { stamp_ns: "64000000000" };
     const live = { ...EMPTY_STATE, mode: "live", moment, scene, belief } as unknown as typeof EMPTY_STATE;
-    const after = (milliseconds: number) => vi.spyOn(performance, "now").mockReturnValue(500 + milliseconds);
+    beforeEach(() => void (moment.arrived = elapsed_ms()));
 
     it("counts what was silent before the page was opened", () => {
-      after(0);
       expect(silence_s(live)).toBe(54);
-      after(2000);
+      vi.advanceTimersByTime(2000);
       expect(silence_s(live)).toBe(56);
       expect(silence_s({ ...live, mode: "replay" })).toBe(0);
       expect(silence_s({ ...live, time: { ...live.time, following: false } })).toBe(0);
     });
 
     it("lets the map of the ground grow old, and never young", () => {
-      after(0);
       expect(older_s(live)).toBe(1);
-      after(2000);
+      vi.advanceTimersByTime(2000);
       expect(older_s(live)).toBe(3);
       expect(older_s({ ...live, time: { ...live.time, following: false } })).toBe(0);
     });
 
     it("marks a drone as silent by its age, though no message says so", () => {
-      after(0);
       expect(agedDrones(live)).toBeNull();
-      after(2000);
+      vi.advanceTimersByTime(2000);
       expect(agedDrones(live)?.map(({ status }) => status)).toEqual(["ok", "stale", "never"]);
-      after(60_000);
+      vi.advanceTimersByTime(58_000);
       expect(agedDrones(live)?.map(({ status }) => status)).toEqual(["stale", "stale", "never"]);
       expect(agedDrones({ ...live, mode: "replay" })).toBeNull();
-      vi.restoreAllMocks();
+    });
+
+    it("goes on while the machine sleeps, which stops the page's clock alone", () => {
+      vi.setSystemTime(Date.now() + 3_600_000);
+      expect(silence_s(live)).toBe(54 + 3600);
+      expect(older_s(live)).toBe(1 + 3600);
+      expect(now_ms(live)).toBe(10_000 + 55_000 + 3_600_000);
+      expect(agedDrones(live)?.map(({ status }) => status)).toEqual(["stale", "stale", "never"]);
+      vi.setSystemTime(Date.now() - 7_200_000); // a clock that is set back makes nothing young
+      expect(silence_s(live)).toBe(54 + 3600);
+      vi.advanceTimersByTime(1000);
+      expect(silence_s(live)).toBe(54 + 3601);
     });
   });
 });

@@ -1,13 +1,12 @@
 // The WebSocket: it comes back by itself, and says when it is gone.
 
+import { slept_ms } from "../state/elapsed";
 import type { Message } from "./contract";
 
 const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 5_000;
 /** The service pings; a connection that is silent for longer is a dead one that nobody closed. */
 const SILENT_MS = 30_000;
-/** A machine that sleeps stops the page's clock, not the one on the wall: what it shows is older than it knows. */
-const ASLEEP_MS = 4_000;
 const AWAKE_EVERY_MS = 1_000;
 
 /** How long to wait before the nth attempt in a row, n from 0. */
@@ -28,12 +27,11 @@ export function openStream(listener: Listener): () => void {
   let silence: number | undefined;
   let ended = false;
 
-  const ahead = () => Date.now() - performance.now();
-  let before = ahead();
+  let before_ms = slept_ms();
   const awake = window.setInterval(() => {
-    const slept_ms = ahead() - before;
-    before = ahead();
-    if (slept_ms > ASLEEP_MS && socket?.readyState === WebSocket.OPEN) lost(socket);
+    const has_slept = slept_ms() > before_ms;
+    before_ms = slept_ms();
+    if (has_slept && socket?.readyState === WebSocket.OPEN) lost(socket);
   }, AWAKE_EVERY_MS);
 
   const heard = () => {

@@ -8,6 +8,7 @@ import { Heights } from "../map/heights";
 import { indexAt } from "../text/stamp";
 import { withAlert } from "./alerts";
 import { formatLink, parseLink } from "./deep_link";
+import { elapsed_ms } from "./elapsed";
 import { keepSettings, readSettings } from "./settings";
 import { StaticZones } from "./static_zones";
 import { store, type Selection, type Time } from "./store";
@@ -226,7 +227,7 @@ async function zonesOf(at: api.At): Promise<Zones> {
 
 function takeStep(step: Step): void {
   newest = step;
-  newestArrived = performance.now();
+  newestArrived = elapsed_ms();
   lengthenTrails(step.drones.drones);
   lengthenTimeline(step);
   if (store.state.time.following) showNewest();
@@ -277,7 +278,7 @@ function askBelief(): void {
     .then((buffer) => {
       if (!store.state.time.following) return;
       newestBelief = asked;
-      store.set({ belief: parseBelief(buffer), belief_arrived: performance.now() });
+      store.set({ belief: parseBelief(buffer), belief_arrived: elapsed_ms() });
     })
     .catch((error) => {
       if (!(error instanceof api.Refused && error.status === 404)) notify(reasonOf(error), "error");
@@ -328,7 +329,7 @@ export async function showPast(stamp_ns: string): Promise<void> {
     try {
       const [zones, drones, belief] = await Promise.all([zonesOf(stamp), api.drones(stamp), api.belief(stamp)]);
       if (store.state.time.following) break;
-      const arrived = performance.now();
+      const arrived = elapsed_ms();
       store.set({
         moment: { stamp_ns: zones.stamp_ns, stamp_ms: zones.stamp_ms, zones: kept(zones), drones, lag_s: null, silent_s: null, closed_m2: pointAt(store.state.timeline.points, zones.stamp_ns)?.closed_m2 ?? null, arrived },
         belief: parseBelief(belief),

@@ -48,7 +48,7 @@ export interface Moment {
   silent_s: number | null;
   /** Of all zones together, where they overlap once. */
   closed_m2: number | null;
-  /** `performance.now()` when it arrived. */
+  /** `elapsed_ms()` when it arrived. */
   arrived: number;
 }
 

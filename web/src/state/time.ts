@@ -2,6 +2,7 @@
 
 import type { Drone, TimelinePoint } from "../api/contract";
 import { compareStamps } from "../text/stamp";
+import { elapsed_ms } from "./elapsed";
 import type { State } from "./store";
 
 /** Without a view for longer, the page is not live. */
@@ -11,7 +12,7 @@ export const LATE_S = 4;
 const isLive = ({ moment, time, mode }: State) => moment !== null && time.following && mode === "live";
 
 /** Seconds since the newest moment arrived; 0 for moments that do not age. */
-const since_s = (state: State) => (isLive(state) ? (performance.now() - state.moment!.arrived) / 1000 : 0);
+const since_s = (state: State) => (isLive(state) ? (elapsed_ms() - state.moment!.arrived) / 1000 : 0);
 
 /** "Now" for ages and count-downs: the stamp of what is shown; the time of the service while the page follows live data. */
 export function now_ms(state: State): number {
