@@ -306,6 +306,25 @@ def test_files_of_zones_that_stand_though_nobody_looks_name_no_end_that_is_over(
         assert all(one["reference"]["time_start"]["value"] < rfc3339(then_ns) for one in earlier)
 
 
+def test_zones_that_a_drone_shows_whose_clock_is_ahead_hold_from_now_on(tmp_path: Path) -> None:
+    """Stamps up to 2 s ahead are taken. Whoever reads times took the ground for open until then."""
+    ahead_ns = 1_900_000_000
+    now_ns = START_NS
+    clock = Clock("system", system=lambda: now_ns, steady=lambda: now_ns)
+    anchor = Georeference(46.5, 8.0, 1200.0)
+    with running(tmp_path, georeference=anchor, clock=clock) as service, asked(service) as http:
+        assert service.live is not None
+        for one in views(9):
+            now_ns = one.stamp_ns - ahead_ns
+            service.live.intake.give_view(message(one))
+        settle(service)
+        assert service.mission.newest.stamp_ns > now_ns + SECOND_NS
+        for one in http.get("/api/v1/export?format=f3548").json()["constraints"]:
+            assert one["reference"]["time_start"]["value"] == rfc3339(now_ns)
+        for kind in ("ed318", "ed269", "kml", "csv"):
+            assert rfc3339(now_ns) in http.get(f"/api/v1/export?format={kind}&country=CHE").text
+
+
 def passed(mine: OperatorZones, zones: ZoneSet, second: int) -> list[str]:
     """The zones that are dismissed then."""
     published, marks = mine.applied_to(zones, START_NS + second * SECOND_NS)

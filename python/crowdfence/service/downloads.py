@@ -45,7 +45,7 @@ def download(mission: Mission, moment: Moment, kind: str, now_ns: int, **how: An
     if kind == "f3548" and how.get("datum") == "AMSL":
         raise ValueError("f3548 has heights above the ellipsoid (WGS84) alone, and none above AMSL")
     is_timeless = kind in _TIMELESS
-    holds_ns = max(moment.stamp_ns, now_ns) if moment is mission.newest else moment.stamp_ns
+    holds_ns = now_ns if moment is mission.newest else moment.stamp_ns
     standing = _standing(moment.zones, holds_ns)
     zones, starts_ns = (
         (passable(standing, moment.marks), {}) if is_timeless else _later_too(standing, moment.marks)
