@@ -71,6 +71,18 @@ def test_ground_pixels_have_the_colour_of_their_state() -> None:
     assert len(np.unique(unseen.reshape(-1, 3), axis=0)) > 1  # hatched, not flat
 
 
+def test_on_a_print_without_colours_ground_that_was_not_cleared_is_not_taken_for_empty() -> None:
+    """Both are as light: of level ground only what was seen empty is plain."""
+    grid = crowd_grid(np.zeros((60, 60)))
+    for west, state in ((0, VoxelState.EMPTY), (20, VoxelState.NOT_CLEARED), (40, VoxelState.STALE)):
+        grid.state[west : west + 20] = state
+    image = shaded_ground(grid, 0.5, Extent(0.0, 0.0, 60.0, 60.0), 240).image
+    grey = image @ np.array([0.299, 0.587, 0.114])
+    empty, not_cleared, stale = (grey[20:220, west : west + 40] for west in (20, 100, 180))
+    assert np.ptp(empty) < 1.0
+    assert np.ptp(not_cleared) > 20.0 and np.ptp(stale) > 15.0
+
+
 def test_one_crowd_column_survives_any_reduction() -> None:
     probability = np.zeros((600, 600))
     probability[281, 133] = 0.9

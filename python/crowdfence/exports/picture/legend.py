@@ -35,7 +35,12 @@ _STATE_TEXTS = {
     VoxelState.OCCLUDED: "hidden from view",
     VoxelState.NEVER_SEEN: "never seen",
 }
-_HATCHES = {VoxelState.STALE: "\\\\\\\\\\", VoxelState.OCCLUDED: "xxxx", VoxelState.NEVER_SEEN: "/////"}
+_HATCHES = {
+    VoxelState.NOT_CLEARED: "....",
+    VoxelState.STALE: "\\\\\\\\\\",
+    VoxelState.OCCLUDED: "xxxx",
+    VoxelState.NEVER_SEEN: "/////",
+}
 
 
 def draw_title(axes: Axes, description: MapDescription) -> None:

@@ -28,6 +28,7 @@ _VERTICAL_EXAGGERATION = 1.2
 _SMOOTHING_CELLS, _SMOOTHING_STEPS = 2.0, 40
 _WASH, _RELIEF, _SKYLIGHT = 0.72, 0.9, 0.5
 _HATCH_PERIOD_PX = 9
+_HATCHED = (VoxelState.NEVER_SEEN, VoxelState.OCCLUDED, VoxelState.STALE, VoxelState.NOT_CLEARED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,13 +177,15 @@ def _lit(
 
 
 def _hatch(state: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Brightness factor [X, Y]: diagonal lines over unseen ground, crossed if occluded, opposite if stale."""
+    """Brightness factor [X, Y]: diagonal lines over unseen ground, crossed if occluded, opposite if stale,
+    and dots where it was not cleared, as light as empty ground on a print without colours."""
     x, y = np.indices(state.shape)
     rising = (x + y) % _HATCH_PERIOD_PX < 2
     falling = (x - y) % _HATCH_PERIOD_PX < 2
+    dots = ((x + y) % _HATCH_PERIOD_PX < 3) & ((x - y) % _HATCH_PERIOD_PX < 3)
     lines = np.select(
-        [state == VoxelState.NEVER_SEEN, state == VoxelState.OCCLUDED, state == VoxelState.STALE],
-        [rising, rising | falling, falling],
+        [state == hatched for hatched in _HATCHED],
+        [rising, rising | falling, falling, dots],
         default=False,
     )
     return np.where(lines, 0.86, 1.0)
