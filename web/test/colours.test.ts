@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { VoxelState } from "../src/map/belief";
-import { CROWD_RAMP, marked, PALETTES, type Rgb, type Theme } from "../src/map/colours";
+import { CROWD_RAMP, crowdMark, marked, mixed, opacity, PALETTES, type Rgb, type Theme } from "../src/map/colours";
 
 const linear = (byte: number) => (byte / 255 <= 0.04045 ? byte / 255 / 12.92 : ((byte / 255 + 0.055) / 1.055) ** 2.4);
 
@@ -25,10 +25,29 @@ describe("eyes that see no green", () => {
     for (const crowd of CROWD_RAMP) expect(apart(states[VoxelState.empty], crowd)).toBeGreaterThan(15);
   });
 
-  it("also have patterns: only empty ground and crowd are plain", () => {
+  it("also have patterns: only empty ground is plain", () => {
     const patterned = (state: VoxelState) => Array.from({ length: 400 }, (_, k) => marked(state, k % 20, Math.floor(k / 20), 10)).some(Boolean);
     const states = [VoxelState.neverSeen, VoxelState.occluded, VoxelState.empty, VoxelState.stale, VoxelState.crowd, VoxelState.notCleared];
-    expect(states.filter((state) => !patterned(state))).toEqual([VoxelState.empty, VoxelState.crowd]);
+    expect(states.filter((state) => !patterned(state))).toEqual([VoxelState.empty]);
+  });
+});
+
+describe("a print without colours", () => {
+  /** CIE L*, 0 black to 100 white. */
+  const lightness = (colour: Rgb) => 116 * Math.cbrt(colour.map(linear).reduce((sum, value, k) => sum + value * [0.2126, 0.7152, 0.0722][k], 0)) - 16;
+  const laid = (colour: Rgb, ground: Rgb, alpha: number) => lightness(mixed(ground, colour, alpha));
+
+  it.each(["dark", "light"] as Theme[])("shows the pattern of everything but empty ground, which may be as light, in %s", (theme) => {
+    const { shade, states, marks } = PALETTES[theme];
+    const pairs = [VoxelState.occluded, VoxelState.stale, VoxelState.notCleared].map((state): [VoxelState, Rgb, Rgb] => [state, states[state], marks[state]]);
+    for (const colour of CROWD_RAMP) pairs.push([VoxelState.crowd, colour, crowdMark(colour)]);
+    for (const light of [0.5, 0.7, 0.95]) {
+      const ground = mixed(shade[0], shade[1], light);
+      for (const [state, plain, mark] of pairs) {
+        const alpha = opacity(state, 30, 30);
+        expect(Math.abs(laid(plain, ground, alpha) - laid(mark, ground, alpha)), `state ${state}`).toBeGreaterThan(7);
+      }
+    }
   });
 });
 

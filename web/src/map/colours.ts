@@ -1,5 +1,6 @@
 // Colours and patterns of the map. A state has a hue and a pattern, so that it is told from the others by eyes
-// that see no red and green and on a print without colours. Crowd gets darker as it gets surer, as in the exports.
+// that see no red and green and on a print without colours. Crowd gets darker as it gets surer, as in the exports,
+// and is once as light as empty ground, which alone is plain.
 
 import { VoxelState } from "./belief";
 
@@ -54,7 +55,7 @@ export const PALETTES: Record<Theme, Palette> = {
       [VoxelState.occluded]: [164, 154, 146],
       [VoxelState.empty]: [104, 222, 206],
       [VoxelState.stale]: [52, 168, 158],
-      [VoxelState.crowd]: [229, 72, 38],
+      [VoxelState.crowd]: [137, 43, 23],
       [VoxelState.notCleared]: [92, 70, 140],
     },
     zone: [255, 96, 92],
@@ -82,8 +83,8 @@ export const PALETTES: Record<Theme, Palette> = {
       [VoxelState.neverSeen]: [130, 136, 142],
       [VoxelState.occluded]: [190, 192, 196],
       [VoxelState.empty]: [30, 150, 138],
-      [VoxelState.stale]: [70, 150, 146],
-      [VoxelState.crowd]: [229, 72, 38],
+      [VoxelState.stale]: [46, 116, 122],
+      [VoxelState.crowd]: [137, 43, 23],
       [VoxelState.notCleared]: [136, 104, 190],
     },
     zone: [196, 16, 40],
@@ -110,6 +111,9 @@ export function crowdColour(probability: number, threshold: number): Rgb {
   const k = Math.min(Math.floor(at), CROWD_RAMP.length - 2);
   return mixed(CROWD_RAMP[k], CROWD_RAMP[k + 1], at - k);
 }
+
+/** Of the pattern on a colour of crowd. */
+export const crowdMark = (colour: Rgb): Rgb => mixed(colour, [0, 0, 0], 0.4);
 
 export function mixed(a: Rgb, b: Rgb, share: number): Rgb {
   const of = (k: number) => Math.round(a[k] + (b[k] - a[k]) * share);
@@ -145,6 +149,8 @@ export function marked(state: VoxelState, x: number, y: number, pitch: number): 
       return x % pitch < thick + 1 && (y + (Math.floor(x / pitch) % 2) * (pitch >> 1)) % pitch < thick + 1;
     case VoxelState.stale:
       return y % pitch < thick;
+    case VoxelState.crowd:
+      return (Math.floor((2 * x) / pitch) + Math.floor((2 * y) / pitch)) % 2 === 0;
     default:
       return false;
   }

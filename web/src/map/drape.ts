@@ -2,7 +2,7 @@
 
 import type { Outline } from "../api/contract";
 import { agedState, lookAge_s, URGENCY, VoxelState, type Belief, type Reading } from "./belief";
-import { crowdColour, css, marked, mixed, opacity, type Palette, type Rgb } from "./colours";
+import { crowdColour, crowdMark, css, marked, mixed, opacity, type Palette, type Rgb } from "./colours";
 import { boundsOf } from "./geometry";
 import { Heights } from "./heights";
 
@@ -131,7 +131,7 @@ export function paintBelief(pixels: Pixels, seen: Pixels, frame: DrapeFrame, bel
     const strength = state === VoxelState.crowd ? 1 : style.strength;
     const alpha = opacity(state, age_s, style.stale_after_s) * strength;
     const plain = style.byAge ? ageColour(state, age_s, style) : state === VoxelState.crowd ? crowd[belief.probability[n]] : style.palette.states[state];
-    const mark = style.palette.marks[state];
+    const mark = state === VoxelState.crowd ? crowdMark(plain) : style.palette.marks[state];
     for (let y = Math.max(top, 0); y < Math.min(bottom, frame.height); y++) {
       for (let x = Math.max(left, 0); x < Math.min(right, frame.width); x++) {
         const at = y * frame.width + x;

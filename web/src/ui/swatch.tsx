@@ -1,8 +1,8 @@
 // The legend is painted by the code that paints the map, so that they cannot differ.
 
 import { useEffect, useRef } from "preact/hooks";
-import type { VoxelState } from "../map/belief";
-import { crowdColour, css, marked, opacity, PALETTES, type Theme } from "../map/colours";
+import { VoxelState } from "../map/belief";
+import { crowdColour, crowdMark, css, marked, opacity, PALETTES, type Theme } from "../map/colours";
 import { mixed } from "../map/colours";
 
 const WIDTH = 44;
@@ -34,8 +34,11 @@ export function RampSwatch() {
     const context = canvas.current?.getContext("2d");
     if (!context) return;
     for (let x = 0; x < 200; x++) {
-      context.fillStyle = css(crowdColour(x / 199, 0));
-      context.fillRect(x, 0, 1, 10);
+      const colour = crowdColour(x / 199, 0);
+      for (let y = 0; y < 10; y++) {
+        context.fillStyle = css(marked(VoxelState.crowd, x, y, 10) ? crowdMark(colour) : colour);
+        context.fillRect(x, y, 1, 1);
+      }
     }
   }, []);
   return <canvas ref={canvas} width={200} height={10} class="ramp-swatch" />;
