@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
@@ -26,6 +27,7 @@ from crowdfence.service.opening import live
 from crowdfence.service.packing import packed, unpacked
 from crowdfence.service.service import Service
 from crowdfence.service.store import FILE, StoreError
+from crowdfence.zones import Zone
 from crowdfence.zones.history import history_line
 from support.onnx_models import contract, write_map_model
 from support.small_service import (
@@ -220,6 +222,38 @@ def test_operators_and_alerts_survive(tmp_path: Path) -> None:
             ("add", "ambulance"),
         ]
         assert any(alert["text"] == "nearly full" for alert in http.get("/api/v1/alerts").json()["alerts"])
+
+
+@pytest.mark.parametrize("snapshot_every", [7, 1000])
+def test_zones_of_others_that_are_new_after_a_crash_did_not_hold_before_it(
+    tmp_path: Path, snapshot_every: int
+) -> None:
+    """What came into the map anew was published anew: of all moments since the last snapshot the history told
+    the zones of the new file."""
+    hospital, school = (
+        Zone.of_no_look(name, shapely.box(east, 1, east + 8, 9), "static", "given")
+        for name, east in (("HOSP", 1.0), ("SCHOOL", 30.0))
+    )
+    how = {"settings": replace(SETTINGS, snapshot_every=snapshot_every)}
+
+    def of_others(service: Service, at_ns: int | None) -> list[str]:
+        return [zone.id for zone in service.moment(at_ns).of_others]
+
+    with running(tmp_path / "one", static_zones=[hospital], **how) as service:
+        give(service, views(12))
+        stamps = [point["stamp_ns"] for point in service.mission.timeline.points()]
+        newest = service.mission.newest
+        crash(tmp_path / "one", tmp_path / "crashed")
+    shutil.copytree(tmp_path / "crashed", tmp_path / "same")
+    with running(tmp_path / "crashed", static_zones=[school], **how) as service:
+        assert of_others(service, None) == ["SCHOOL"]
+        service.store.flush()
+        assert len(stamps) > 8
+        for stamp_ns in stamps[:-1]:
+            assert of_others(service, int(stamp_ns)) == ["HOSP"]
+    with running(tmp_path / "same", static_zones=[hospital], **how) as service:
+        assert of_others(service, None) == ["HOSP"]
+        assert newest is not None and service.mission.newest.number == newest.number
 
 
 def told_of_zones(service: Service) -> list[tuple[str, str, int, bool]]:

@@ -142,12 +142,13 @@ class Applying:
         """Make the state again; what was left out of it because it is damaged, None for nothing. StoreError
         where what was accepted is not all there."""
         self._recovering = True
-        self._journal.restore_newest(self._restore)
-        records, aside = self._journal.after(self._applied)
-        for record in records:
-            self._apply(record)
-        recovered = self._applied
-        again = sum(self._close_again(record) for record in aside.operators)
+        with self._mission.with_static_of_before():
+            self._journal.restore_newest(self._restore)
+            records, aside = self._journal.after(self._applied)
+            for record in records:
+                self._apply(record)
+            recovered = self._applied
+            again = sum(self._close_again(record) for record in aside.operators)
         self._recovering = False
         if recovered or aside.records:
             told = {"records": len(records), "damaged": aside.records, "seq": recovered}

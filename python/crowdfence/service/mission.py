@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import secrets
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from threading import RLock
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -92,6 +93,8 @@ class Mission:
         self._unseen = self.found
         self._static_digest = zones_digest(self.found.static)
         self._had_other_static = False
+        self._static_before: tuple[Zone, ...] | None = None
+        """The zones of others that what comes into the map anew is published with."""
         self.listeners: list[OnMoment] = []
         self.lock = RLock()
         """Held by whoever steps or reads the crowd map."""
@@ -156,6 +159,17 @@ class Mission:
         figures = {**self._figures(self._unseen, self._unseen), "seen_m2": 0.0}
         return Moment(0, stamp_ns, self._unseen, {}, figures)
 
+    @contextmanager
+    def with_static_of_before(self) -> Iterator[None]:
+        """What comes into the map anew after a crash, with its stamps of before, is published with the zones
+        of others of then: those of another file hold from this start on (`apply_static`)."""
+        self._static_before = before = self.timeline.newest_of_others()
+        try:
+            yield
+        finally:
+            self._static_before = None
+            self._had_other_static |= before is not None and zones_digest(before) != self._static_digest
+
     def apply_static(self, stamp_ns: int) -> bool:
         """Publish the static zones that this service was given, where the one before had others; whether."""
         with self.lock:
@@ -175,6 +189,8 @@ class Mission:
     def publish(self, stamp_ns: int) -> Moment:
         """Publish the zones of the last step with what operators made of them, as of a stamp."""
         found = self.found
+        if self._static_before is not None:
+            found = replace(found, static=self._static_before)
         # Stamps may be ahead of the clock, as far as views may: a dismissal is no shorter for it.
         zones, marks = self.operator_zones.applied_to(found, min(stamp_ns, self._now_ns()))
         number = 1 if self.newest is None else self.newest.number + 1
@@ -182,7 +198,7 @@ class Mission:
         moment = Moment(number, stamp_ns, zones, marks, self._figures(found, zones))
         self.newest = moment
         # What became of zones is told with the step that brought it, and not again with what operators do.
-        self.found = replace(found, events=())
+        self.found = replace(self.found, events=())
         self.timeline.add(moment)
         for listener in self.listeners:
             listener(moment, before)

@@ -135,6 +135,13 @@ class Timeline:
             told = {k: value for k, value in dict(json.loads(figures)).items() if k not in _OWN}
             return Moment(number, then_ns, zones, dict(json.loads(marks)), told)
 
+    def newest_of_others(self) -> tuple[Zone, ...] | None:
+        """The zones of others that were published last; None where nothing was, or that is not kept."""
+        with suppress(LostMomentError):
+            newest = self.at(_LAST)
+            return None if newest is None else newest.of_others
+        return None
+
     def _wait_for_newest(self) -> None:
         """What was published is on its way to the disk, which may be slow, or full."""
         if self._newest_number and not self._is_on_disk(self._newest_number):
