@@ -11,6 +11,7 @@ from shapely import MultiPolygon, Point, Polygon, box
 from crowdfence import Georeference, View
 from crowdfence.config import EvidenceConfig, PaperConfig, ZoneConfig
 from crowdfence.exports.zone_formats.times import rfc3339
+from crowdfence.fence_sync.zone_file import placed_geojson
 from crowdfence.planner import ClearAir
 from crowdfence.service.access import User
 from crowdfence.service.clock import Clock
@@ -243,6 +244,16 @@ def test_files_with_times_say_when_a_dismissed_zone_is_closed_again(tmp_path: Pa
         service.live.finish()
         features = http.get("/api/v1/export?format=ed318&country=CHE").json()["features"]
         assert until not in json.dumps(features) and '"Z1"' in json.dumps(features)
+
+
+def test_a_file_says_which_mission_it_is_of(tmp_path: Path) -> None:
+    """Whoever follows it, as `fence watch` does, tells by that zones that open from those of a service that
+    knows nothing of them."""
+    with running(tmp_path, georeference=Georeference(46.5, 8.0, 1200.0)) as service, asked(service) as http:
+        flown(service, 9)
+        first_ns = int(http.get("/api/v1/scene").json()["first_stamp_ns"])
+        assert placed_geojson(http.get("/api/v1/export").content, "zones.geojson").begun_ns == first_ns
+        assert START_NS <= first_ns < START_NS + SECOND_NS
 
 
 def test_heights_that_a_format_does_not_know_are_refused(tmp_path: Path) -> None:

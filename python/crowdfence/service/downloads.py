@@ -51,7 +51,8 @@ def download(mission: Mission, moment: Moment, kind: str, now_ns: int, **how: An
         (passable(standing, moment.marks), {}) if is_timeless else _later_too(standing, moment.marks)
     )
     if kind == "geojson":
-        description = mission.description(moment.stamp_ns, None)
+        span_ns = mission.timeline.span_ns()
+        description = mission.description(moment.stamp_ns, None if span_ns is None else span_ns[0])
         text = zones_geojson(zones, description, mission.georeference)
         return Download("zones.geojson", "application/geo+json", text.encode())
     if mission.georeference is None:
