@@ -1,11 +1,11 @@
 """How much of a known error `crowdfence align` brings back, on simulated missions with true poses.
 
-    crowdfence simulate race --seed 4001 --fps 1.5 --frames 30 -o race-4001.mcap
     python benchmarks/alignment/recover.py race-4001.mcap ...
 
-Every drone's poses are turned by 0.5 degrees about an axis of its own, shifted by 100 ms to one side, and
-moved by 1 m to some side, on top of what the scenario's own trouble did to them. What is left is held against
-the true camera: what was left alone counts with all of its error.
+The missions are rendered as benchmarks/evidence/README.md says. Every drone's poses are turned by 0.5 degrees
+about an axis of its own, shifted by 100 ms to one side, and moved by 1 m to some side, on top of what the
+scenario's own trouble did to them. What is left is held against the true camera: what was left alone counts
+with all of its error.
 """
 
 from __future__ import annotations

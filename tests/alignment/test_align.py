@@ -141,11 +141,13 @@ def test_what_pictures_tell_beyond_it_is_added_until_they_tell_no_more(
     assert not endless.told and "these tell +2.00 m of up more: it is too far off" in endless.why_not
 
 
-def test_places_are_told_against_each_other(tmp_path: Path) -> None:
+@pytest.mark.parametrize("haze", [0.0, 0.75])
+def test_places_are_told_against_each_other(haze: float, tmp_path: Path) -> None:
     """Two drones over the same level ground, 1.2 m apart from what they say: half of it each, since what both
-    are off shows nowhere. What one is too high shows in how large it sees the ground."""
+    are off shows nowhere. What one is too high shows in how large it sees the ground. One looks against the
+    light, or has another exposure: its ground is paler, with a quarter of the contrast."""
     east_m, up_m = 1.2, 0.8
-    drones = {"uav1": Flown(circling), "uav2": Flown(opposite, moved_m=(east_m, 0.0, up_m))}
+    drones = {"uav1": Flown(circling), "uav2": Flown(opposite, moved_m=(east_m, 0.0, up_m), haze=haze)}
     folder = write_fleet(tmp_path / "flight", drones, paint(), frames=14)
     first, second = align(open_recording(folder), level()).drones
     for one, true in ((first, (-east_m / 2, 0.0, 0.0)), (second, (east_m / 2, 0.0, up_m))):

@@ -22,6 +22,7 @@ WIDTH, HEIGHT, FOCAL = 320, 240, 200.0
 EPOCH_NS = 1_760_000_000_000_000_000
 PLACE = {"latitude_deg": 46.5, "longitude_deg": 8.0, "height_m": 1200.0}
 SIDE_M, CELL_M = 120.0, 0.1
+HAZE = 190.0
 
 Way = Callable[[float], tuple[NDArray[np.float64], Rotation]]
 """Time -> position of the camera and world_from_camera."""
@@ -41,12 +42,14 @@ def paint(seed: int = 3) -> NDArray[np.float64]:
 @dataclass(frozen=True)
 class Flown:
     """How a drone flew, and what its telemetry is off: the camera is turned by `turned_deg` about its own
-    axes and moved by `moved_m` against what is logged, a picture belongs to what is logged `late_s` later."""
+    axes and moved by `moved_m` against what is logged, a picture belongs to what is logged `late_s` later.
+    Its pictures are `haze` to that share."""
 
     way: Way
     turned_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     late_s: float = 0.0
     moved_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    haze: float = 0.0
 
 
 def plane(east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -148,6 +151,7 @@ def write_fleet(
             t_s = 1.0 + 0.8 * k
             eye, logged = flown.way(t_s + flown.late_s)
             picture = photograph(ground, eye + flown.moved_m, logged * off, parasols_m, relief)
+            picture = ((1 - flown.haze) * picture + flown.haze * HAZE).astype(np.uint8)
             Image.fromarray(picture).save(folder / "images" / f"{name}_{EPOCH_NS + round(1e9 * t_s)}.png")
         for t_s in np.arange(0.0, 0.8 * frames + 2.0, 0.05):
             eye, logged = flown.way(t_s)

@@ -29,6 +29,8 @@ _FAINTEST = 1e-5
 """Least eigenvalue of a corner."""
 _WINDOW_PX = 21
 _LEVELS = 3
+_EVEN_PX, _EVEN_CONTRAST, _LEAST_SPREAD = 43, 40.0, 1.0
+"""Contrast in so wide a square around every pixel becomes the second; the third, in grey values, is noise."""
 _THERE_AND_BACK_PX = 0.5
 _LEAST_ALIKE = 0.75
 _PATCH = 13
@@ -66,6 +68,11 @@ class SeenGround:
     """world_from_camera [4, 4]"""
     grey: NDArray[np.uint8]
     """[h, w] at working size."""
+
+    @cached_property
+    def evened(self) -> NDArray[np.uint8]:
+        """`grey` as it is followed."""
+        return _evened(self.grey)
 
     @property
     def scale(self) -> float:
@@ -168,7 +175,7 @@ def match_ground(
     none = GroundMatches(*numbers, np.zeros((0, 2)), np.zeros((0, 2)))
     if len(corners) == 0:
         return none
-    found, good = _followed(first.grey, drawn, corners, reach_px)
+    found, good = _followed(first.evened, _evened(drawn), corners, reach_px)
     inside = (found >= 0).all(axis=1) & (found < [shape[1] - 1, shape[0] - 1]).all(axis=1)
     good &= inside
     corners, found = corners[good], found[good]
@@ -181,6 +188,17 @@ def match_ground(
     back: Any = cv2.remap(places, found[:, 0].reshape(-1, 1), found[:, 1].reshape(-1, 1), cv2.INTER_LINEAR)
     here, there = ((corners + 0.5) / first.scale, back.reshape(-1, 2) / second.scale)
     return GroundMatches(*numbers, np.asarray(here, np.float64), np.asarray(there, np.float64))
+
+
+def _evened(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture of the same brightness and contrast everywhere: Lucas-Kanade takes it that the same ground is
+    as bright in two pictures, and cameras differ in exposure, and in haze."""
+    here = grey.astype(np.float32)
+    around = (_EVEN_PX, _EVEN_PX)
+    off = here - cv2.blur(here, around)
+    spread = np.sqrt(np.maximum(cv2.blur(off * off, around), _LEAST_SPREAD**2))
+    even = 128.0 + _EVEN_CONTRAST * off / spread
+    return np.clip(even, 0, 255).astype(np.uint8)
 
 
 def _followed(
