@@ -5,7 +5,8 @@ import pytest
 
 import crowdfence as cf
 from crowdfence.pipeline.crowds_apart import CrowdsApart
-from support.small_service import CONFIG, START_NS, plain, recording
+from support.crowd_of_two import seen_by_two
+from support.small_service import CONFIG, plain, recording
 
 SECOND_NS = 10**9
 PLAIN = cf.Terrain.from_occupancy(np.ones((10, 10, 1), bool), 0.5)
@@ -89,6 +90,26 @@ def test_one_look_that_shows_the_same_crowd_ends_the_row() -> None:
     assert not after(*pairs(3), same, *later)
 
 
+def test_it_is_told_now_until_they_show_the_same_crowd_or_one_is_left_out() -> None:
+    apart = CrowdsApart()
+
+    def now(*looks: cf.Observation, left_out: tuple[str, ...] = ()) -> tuple[bool, bool]:
+        for one in looks:
+            apart.look([one], np.arange(100))
+        return apart.now(left_out) is not None, apart.is_undecided
+
+    assert now(*pairs(3)) == (False, True), "too short to say"
+    assert now(view("uav1", 3.0, WEST), view("uav2", 3.0, EAST)) == (True, False)
+    assert now(left_out=("uav2",)) == (False, False)
+    assert now(left_out=("uav3",)) == (True, False)
+    assert now(view("uav2", 3.5, WEST)) == (False, False)
+    assert apart.warnings, "of a whole flight"
+    same = CrowdsApart()
+    for one in (view("uav1", 0.0, WEST), view("uav2", 0.0, WEST)):
+        same.look([one], np.arange(100))
+    assert same.now(()) is None and not same.is_undecided
+
+
 def test_several_pairs_are_one_sentence() -> None:
     thirds = [view("uav3", float(number), range(40, 60)) for number in range(4)]
     looks = [look for pair in zip(pairs(4)[::2], pairs(4)[1::2], thirds, strict=True) for look in pair]
@@ -96,24 +117,11 @@ def test_several_pairs_are_one_sentence() -> None:
     assert " and so did 2 other pairs of drones: " in told
 
 
-def flown(off_m: float) -> cf.Recording:
-    """Two drones 30 m above a crowd of 4 m radius; the poses of one say that it is so far to the east."""
-    camera = cf.Camera.pinhole(160, 120, 120.0, 120.0, 80.0, 60.0)
-    u, v = np.meshgrid(np.arange(16) + 0.5, np.arange(12) + 0.5)
-    below = np.hypot(u - 8.0, v - 6.0) * 2.5 < 4.0  # a cell is 2.5 m of ground
-    views = []
-    for number in range(8):
-        for drone, east_m in (("uav1", 25.0), ("uav2", 25.0 + off_m)):
-            pose = np.diag([1.0, -1.0, -1.0, 1.0])
-            pose[:3, 3] = east_m, 30.0, 30.0
-            stamp_ns = START_NS + number * SECOND_NS
-            views.append(
-                cf.View(drone, stamp_ns, camera, pose, np.where(below, 0.95, 0.0).astype(np.float32))
-            )
-    return recording(views)
-
-
 def test_a_run_warns_of_poses_that_put_one_crowd_at_two_places() -> None:
-    told = [one for one in cf.run(flown(12.0), plain(), CONFIG).warnings if "each showed crowd" in one]
-    assert len(told) == 1 and told[0].startswith("uav1 and uav2 ")
-    assert not [one for one in cf.run(flown(0.5), plain(), CONFIG).warnings if "each showed" in one]
+    def told(off_m: float) -> list[str]:
+        run = cf.run(recording(seen_by_two(off_m)), plain(), CONFIG)
+        return [one for one in run.warnings if "each showed crowd" in one]
+
+    (sentence,) = told(12.0)
+    assert sentence.startswith("uav1 and uav2 ")
+    assert not told(0.5)

@@ -17,6 +17,7 @@ from crowdfence.service.service import Service
 from crowdfence.service.view_message import ViewMessage
 from crowdfence.service.watch import Watch
 from crowdfence.sources.recording import RefusedFrame
+from support.crowd_of_two import seen_by_two
 from support.onnx_models import contract, write_map_model
 from support.small_service import (
     CONFIG,
@@ -121,6 +122,28 @@ def test_a_drone_that_sees_nobody_where_another_shows_a_crowd_is_an_alarm_until_
         assert told.text.startswith("uav2 saw nobody in ")
         (told,) = give(range(20, 24), blind=False)
         assert told.cleared_ns is not None
+
+
+def test_one_crowd_at_two_places_is_an_alarm_until_it_is_at_one(tmp_path: Path) -> None:
+    """Also over a restart, after which nobody knows until they look at one crowd again."""
+
+    def give(service: Service, off_m: float, seconds: range) -> list[bool]:
+        assert service.live is not None
+        for one in seen_by_two(off_m, seconds):
+            service.live.intake.give_view(message(one))
+        settle(service)
+        Watch(service).look()
+        return [one.cleared_ns is None for one in alerts(service, "crowds_apart")]
+
+    with running(tmp_path / "data") as service:
+        assert give(service, 12.0, range(3)) == []
+        assert give(service, 12.0, range(3, 6)) == [True]
+        (told,) = alerts(service, "crowds_apart")
+        assert (told.level, told.drone) == ("alarm", None) and "zones lie beside their crowds" in told.text
+    with running(tmp_path / "data") as service:
+        Watch(service).look()
+        assert give(service, 12.0, range(6, 8)) == [True]
+        assert give(service, 0.5, range(8, 10)) == [False]
 
 
 def test_a_restart_does_not_take_back_that_a_drone_sees_nobody(tmp_path: Path) -> None:

@@ -4,8 +4,9 @@ puts the crowd on another side, and the look of another one opens its zone."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -44,65 +45,91 @@ class _Row:
         return self.looks >= LEAST_LOOKS and self.last_ns - self.first_ns >= LEAST_S * 1e9
 
 
+_Rows = Mapping[tuple[str, str], _Row]
+
+
 class CrowdsApart:
-    """Looks at observations as they pass."""
+    """Looks at observations as they pass. One thread may look while another asks."""
 
     def __init__(self) -> None:
+        self._lock = Lock()
         self._last: dict[str, _Look] = {}
         self._rows: dict[tuple[str, str], _Row] = {}
         self._most: dict[tuple[str, str], _Row] = {}
         """The longest row of each pair that is long enough to be told."""
+        self._has_ended = False
 
     def look(self, observations: Sequence[Observation], shown_ids: NDArray[np.int64]) -> None:
         """What was taken in together, and the voxels that some look clearly shows as crowd after it."""
-        for one in observations:
-            closely = looks_closely(one)
-            shows = one.voxel_ids[one.mean > CROWD]
-            look = _Look(
-                one.stamp_ns,
-                shows[are_among(shows, shown_ids)],
-                one.voxel_ids[closely],
-                one.voxel_ids[closely & (one.mean < NOBODY)],
-            )
-            for drone, other in self._last.items():
-                if drone != one.drone and abs(look.stamp_ns - other.stamp_ns) <= _TOGETHER_NS:
-                    self._compare(tuple(sorted((drone, one.drone))), look, other)
-            self._last[one.drone] = look
+        with self._lock:
+            for one in observations:
+                closely = looks_closely(one)
+                shows = one.voxel_ids[one.mean > CROWD]
+                look = _Look(
+                    one.stamp_ns,
+                    shows[are_among(shows, shown_ids)],
+                    one.voxel_ids[closely],
+                    one.voxel_ids[closely & (one.mean < NOBODY)],
+                )
+                for drone, other in self._last.items():
+                    if drone != one.drone and abs(look.stamp_ns - other.stamp_ns) <= _TOGETHER_NS:
+                        first, second = sorted((drone, one.drone))
+                        self._compare((first, second), look, other)
+                self._last[one.drone] = look
 
-    def _compare(self, pair: tuple[str, ...], look: _Look, other: _Look) -> None:
-        first, second = pair
-        here, there = _denied(look.shows, other), _denied(other.shows, look)
-        if here is None or there is None:
+    def _compare(self, pair: tuple[str, str], look: _Look, other: _Look) -> None:
+        here = _denied(look.shows, other)
+        there = None if here is None else _denied(other.shows, look)
+        if there is None:
             return
         if not (here and there):
-            self._rows.pop((first, second), None)
+            self._rows.pop(pair, None)
+            self._has_ended = True
             return
-        row = self._rows.setdefault((first, second), _Row(0, look.stamp_ns, look.stamp_ns))
+        row = self._rows.setdefault(pair, _Row(0, look.stamp_ns, look.stamp_ns))
         row.looks += 1
         row.first_ns, row.last_ns = min(row.first_ns, look.stamp_ns), max(row.last_ns, look.stamp_ns)
-        longest = self._most.get((first, second))
+        longest = self._most.get(pair)
         if row.is_told and (longest is None or row.looks > longest.looks):
-            self._most[first, second] = row
+            self._most[pair] = row
+
+    @property
+    def is_undecided(self) -> bool:
+        """Whether no pair has shown yet if it puts crowd at two places or not."""
+        with self._lock:
+            return not (self._has_ended or self._most)
+
+    def now(self, left_out: Collection[str]) -> str | None:
+        """What is to be told of rows that go on, of drones that are not `left_out`; None where none does."""
+        with self._lock:
+            told = {pair: row for pair, row in self._rows.items() if row.is_told}
+            return _sentence({pair: told[pair] for pair in told if not any(one in left_out for one in pair)})
 
     @property
     def warnings(self) -> list[str]:
         """At most one sentence, of the pair with the longest row."""
-        if not self._most:
-            return []
-        (first, second), row = max(self._most.items(), key=lambda item: item[1].looks)
-        others = len(self._most) - 1
-        so_did = f", and so did {others} other pair{'s' if others > 1 else ''} of drones" if others else ""
-        return [
-            f"{first} and {second} each showed crowd only where the other saw nobody, in {row.looks} looks "
-            f"in a row, over {(row.last_ns - row.first_ns) / 1e9:.0f} s{so_did}: zones lie beside their "
-            "crowds, or the crowds are false alarms. Do heights of poses and map count from the same level, "
-            "and is every heading right?"
-        ]
+        with self._lock:
+            told = _sentence(self._most)
+        return [] if told is None else [told]
+
+
+def _sentence(rows: _Rows) -> str | None:
+    if not rows:
+        return None
+    (first, second), row = max(rows.items(), key=lambda item: item[1].looks)
+    others = len(rows) - 1
+    so_did = f", and so did {others} other pair{'s' if others > 1 else ''} of drones" if others else ""
+    return (
+        f"{first} and {second} each showed crowd only where the other saw nobody, in {row.looks} looks "
+        f"in a row, over {(row.last_ns - row.first_ns) / 1e9:.0f} s{so_did}: zones lie beside their crowds, "
+        "or the crowds are false alarms. Do heights of poses and map count from the same level, and is every "
+        "heading right?"
+    )
 
 
 def _denied(shows: NDArray[np.int64], other: _Look) -> bool | None:
     """Whether a look of another drone saw nobody there; None where it had too little of it in view to say."""
-    looked = np.count_nonzero(are_among(shows, other.closely))
+    looked = np.count_nonzero(are_among(shows, other.closely)) if len(shows) >= LEAST_VOXELS else 0
     if looked < LEAST_VOXELS:
         return None
     return bool(np.count_nonzero(are_among(shows, other.empty)) >= NEARLY_ALL * looked)

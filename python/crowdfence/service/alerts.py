@@ -32,6 +32,7 @@ AlertKind = Literal[
     "lost_crowd",
     "unheeded_crowd",
     "denied_crowd",
+    "crowds_apart",
     "left_out",
     "no_ground",
     "heatmap_units",

@@ -16,6 +16,7 @@ from crowdfence.config import RunConfig
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.pipeline import FrameLoop, Step
+from crowdfence.pipeline.crowds_apart import CrowdsApart
 from crowdfence.pipeline.denied_crowd import DeniedCrowd
 from crowdfence.pipeline.still_video import StillVideo
 from crowdfence.pipeline.unheeded_crowd import UnheededCrowd
@@ -81,6 +82,7 @@ class Mission:
         self.recent_looks = RecentLooks()
         self.unheeded_crowd = UnheededCrowd(terrain, crowd_map.method.b_threshold)
         self.denied_crowd = DeniedCrowd()
+        self.crowds_apart = CrowdsApart()
         self._seen = SeenColumns(self.terrain)
         self.still_video = StillVideo()
         self._dismissed_for_s = dismissed_for_s
@@ -145,6 +147,7 @@ class Mission:
         self.recent_looks.add(step.update.observations)
         self.unheeded_crowd.add(step.update.observations, step.crowd_ids)
         self.denied_crowd.look(step.update.observations, step.shown_ids, step.crowd_ids)
+        self.crowds_apart.look(step.update.observations, step.shown_ids)
         self._seen.add(step.update.voxel_ids)
         return self.publish(step.stamp_ns)
 

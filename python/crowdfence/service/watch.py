@@ -104,6 +104,7 @@ class Watch:
         self._lost_crowd()
         self._unheeded_crowd()
         self._denied_crowd()
+        self._crowds_apart()
         self._left_out()
         self._drones_and_zones()
         self._clock()
@@ -396,6 +397,14 @@ class Watch:
             seen_ns = None if known is None else known.acknowledged_ns
             is_new = seen_ns is not None and denial.since_ns > seen_ns
             alerts.raise_("denied_crowd", "alarm", denial.text, now_ns, drone=drone, is_new=is_new)
+
+    def _crowds_apart(self) -> None:
+        """Of a fleet that looked little or not at all at the same crowds since the start nobody knows: what
+        was raised before stays."""
+        apart, left_out = self._service.mission.crowds_apart, self._service.mission.left_out
+        text = apart.now({action.drone for action in left_out})
+        if text is not None or not apart.is_undecided:
+            self._set(text is not None, "crowds_apart", "alarm", text or "")
 
     def _left_out(self) -> None:
         """As long as it lasts, so that nobody forgets that the fleet has one drone less that looks."""
