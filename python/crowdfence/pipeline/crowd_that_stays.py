@@ -11,18 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence._core import Observation
-from crowdfence.zones.sorted_keys import are_among, united
+from crowdfence.pipeline.close_look import LEAST_VOXELS, CloseLook
+from crowdfence.zones.sorted_keys import are_among, distinct, united
 
-LEAST_VOXELS = 20
-"""That somebody shows within a look, or it says nothing."""
-SHARP_M = 0.3
-"""Metres per pixel up to which nobody should be missed there."""
-NOBODY = 0.05
-"""A smaller value shows nobody."""
-NEARLY_ALL = 0.95
-CROWD = 0.5
-"""A larger value shows crowd."""
 _NONE = np.empty(0, np.int64)
 
 
@@ -40,7 +31,7 @@ class Missed(NamedTuple):
 
 
 class CrowdThatStays:
-    """Looks at observations as they pass."""
+    """Asks looks as they pass."""
 
     def __init__(self) -> None:
         self._shown: dict[str, NDArray[np.int64]] = {}
@@ -48,35 +39,30 @@ class CrowdThatStays:
         self._missed: dict[str, Missed] = {}
         """Of every drone that saw nobody since it last saw anybody."""
 
-    def look(self, observation: Observation, shown_ids: NDArray[np.int64]) -> dict[str, Missed]:
-        """By drone what it missed, where this observation shows the same crowd again; `shown_ids` are voxels
-        that some look clearly shows as crowd after it."""
-        drone, voxel_ids = observation.drone, observation.voxel_ids
-        shows = voxel_ids[observation.mean > CROWD]
-        if len(shows):
-            self._missed.pop(drone, None)
-        shows = shows[are_among(shows, shown_ids)]
-        own = self._shown.get(drone, _NONE)
+    def look(self, look: CloseLook, shown_ids: NDArray[np.int64]) -> dict[str, Missed]:
+        """By drone what it missed, where this look shows the same crowd again; `shown_ids` are voxels that
+        some look clearly shows as crowd after it."""
+        if len(look.crowd_ids):
+            self._missed.pop(look.drone, None)
+        shows = look.crowd_ids[are_among(look.crowd_ids, shown_ids)]
+        own = self._shown.get(look.drone, _NONE)
         again = shows[are_among(shows, own)]
-        closely = looks_closely(observation)
-        empty = voxel_ids[closely & (observation.mean < NOBODY)]
-        self._shown[drone] = united(own[~are_among(own, empty)], shows)
-        self._note(drone, voxel_ids[closely], empty, observation.stamp_ns)
-        return self._stayed(again, observation.stamp_ns)
+        self._shown[look.drone] = united(own[~are_among(own, look.closely(own).empty)], shows)
+        self._note(look)
+        return self._stayed(again, look.stamp_ns)
 
-    def _note(self, drone: str, closely: NDArray[np.int64], empty: NDArray[np.int64], stamp_ns: int) -> None:
+    def _note(self, look: CloseLook) -> None:
         """What a drone misses of the crowd that others showed, where nearly all of it looks empty to it."""
-        of_others = [shown for other, shown in self._shown.items() if other != drone]
-        there = np.concatenate([_NONE, *of_others])
-        looked, missed = (ids[are_among(ids, there)] for ids in (closely, empty))
-        if len(looked) < LEAST_VOXELS:
+        of_others = [shown for other, shown in self._shown.items() if other != look.drone]
+        there = look.closely(distinct(np.concatenate([_NONE, *of_others])))
+        if there.is_denied is None:
             return
-        if len(missed) < NEARLY_ALL * len(looked):
-            self._missed.pop(drone, None)
+        if not there.is_denied:
+            self._missed.pop(look.drone, None)
             return
-        before = self._missed.get(drone, Missed(_NONE, stamp_ns))
-        voxel_ids, looked_ns = united(before.voxel_ids, missed), max(stamp_ns, before.looked_ns)
-        self._missed[drone] = before._replace(voxel_ids=voxel_ids, looked_ns=looked_ns)
+        before = self._missed.get(look.drone, Missed(_NONE, look.stamp_ns))
+        voxel_ids, looked_ns = united(before.voxel_ids, there.empty), max(look.stamp_ns, before.looked_ns)
+        self._missed[look.drone] = before._replace(voxel_ids=voxel_ids, looked_ns=looked_ns)
 
     def _stayed(self, again: NDArray[np.int64], stamp_ns: int) -> dict[str, Missed]:
         stayed = {}
@@ -88,9 +74,3 @@ class CrowdThatStays:
         for drone, missed in stayed.items():
             self._missed[drone] = missed._replace(voxel_ids=_NONE)
         return stayed
-
-
-def looks_closely(observation: Observation) -> NDArray[np.bool_]:
-    """Of its voxels, whether nobody should be missed there."""
-    near = observation.range_m <= SHARP_M * observation.focal_px
-    return np.asarray(near & (observation.tilt_deg > 0.0))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Observation
-from crowdfence.pipeline.crowd_that_stays import CROWD, LEAST_VOXELS, NEARLY_ALL, NOBODY, looks_closely
+from crowdfence.pipeline.close_look import LEAST_VOXELS, CloseLook
 from crowdfence.zones.sorted_keys import are_among
 
 LEAST_LOOKS = 5
@@ -24,14 +24,14 @@ _TOGETHER_NS = 1_000_000_000
 """So far apart two looks are of one moment: whoever runs has gone 3 m by then, less than a crowd is wide."""
 
 
-class _Look(NamedTuple):
-    stamp_ns: int
+class _Shown(NamedTuple):
+    look: CloseLook
     shows: NDArray[np.int64]
     """Voxels that it clearly shows as crowd, sorted."""
-    closely: NDArray[np.int64]
-    """Voxels at which it would not have missed anybody, sorted."""
-    empty: NDArray[np.int64]
-    """Those of them that show nobody."""
+
+    def is_denied_by(self, other: CloseLook) -> bool | None:
+        """Whether a look of another drone saw nobody there; None where it had too little of it in view."""
+        return other.closely(self.shows).is_denied if len(self.shows) >= LEAST_VOXELS else None
 
 
 @dataclass(slots=True)
@@ -53,7 +53,7 @@ class CrowdsApart:
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._last: dict[str, _Look] = {}
+        self._last: dict[str, _Shown] = {}
         self._rows: dict[tuple[str, str], _Row] = {}
         self._most: dict[tuple[str, str], _Row] = {}
         """The longest row of each pair that is long enough to be told."""
@@ -63,32 +63,27 @@ class CrowdsApart:
         """What was taken in together, and the voxels that some look clearly shows as crowd after it."""
         with self._lock:
             for one in observations:
-                closely = looks_closely(one)
-                shows = one.voxel_ids[one.mean > CROWD]
-                look = _Look(
-                    one.stamp_ns,
-                    shows[are_among(shows, shown_ids)],
-                    one.voxel_ids[closely],
-                    one.voxel_ids[closely & (one.mean < NOBODY)],
-                )
+                look = CloseLook(one)
+                own = _Shown(look, look.crowd_ids[are_among(look.crowd_ids, shown_ids)])
                 for drone, other in self._last.items():
-                    if drone != one.drone and abs(look.stamp_ns - other.stamp_ns) <= _TOGETHER_NS:
+                    if drone != one.drone and abs(one.stamp_ns - other.look.stamp_ns) <= _TOGETHER_NS:
                         first, second = sorted((drone, one.drone))
-                        self._compare((first, second), look, other)
-                self._last[one.drone] = look
+                        self._compare((first, second), own, other)
+                self._last[one.drone] = own
 
-    def _compare(self, pair: tuple[str, str], look: _Look, other: _Look) -> None:
-        here = _denied(look.shows, other)
-        there = None if here is None else _denied(other.shows, look)
+    def _compare(self, pair: tuple[str, str], own: _Shown, other: _Shown) -> None:
+        here = own.is_denied_by(other.look)
+        there = None if here is None else other.is_denied_by(own.look)
         if there is None:
             return
+        stamp_ns = own.look.stamp_ns
         if not (here and there):
             self._rows.pop(pair, None)
             self._has_ended = True
             return
-        row = self._rows.setdefault(pair, _Row(0, look.stamp_ns, look.stamp_ns))
+        row = self._rows.setdefault(pair, _Row(0, stamp_ns, stamp_ns))
         row.looks += 1
-        row.first_ns, row.last_ns = min(row.first_ns, look.stamp_ns), max(row.last_ns, look.stamp_ns)
+        row.first_ns, row.last_ns = min(row.first_ns, stamp_ns), max(row.last_ns, stamp_ns)
         longest = self._most.get(pair)
         if row.is_told and (longest is None or row.looks > longest.looks):
             self._most[pair] = row
@@ -125,11 +120,3 @@ def _sentence(rows: _Rows) -> str | None:
         "or the crowds are false alarms. Do heights of poses and map count from the same level, and is every "
         "heading right?"
     )
-
-
-def _denied(shows: NDArray[np.int64], other: _Look) -> bool | None:
-    """Whether a look of another drone saw nobody there; None where it had too little of it in view to say."""
-    looked = np.count_nonzero(are_among(shows, other.closely)) if len(shows) >= LEAST_VOXELS else 0
-    if looked < LEAST_VOXELS:
-        return None
-    return bool(np.count_nonzero(are_among(shows, other.empty)) >= NEARLY_ALL * looked)

@@ -16,15 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Observation
-from crowdfence.pipeline.crowd_that_stays import (
-    CROWD,
-    LEAST_VOXELS,
-    NEARLY_ALL,
-    NOBODY,
-    CrowdThatStays,
-    Missed,
-    looks_closely,
-)
+from crowdfence.pipeline.close_look import CloseLook
+from crowdfence.pipeline.crowd_that_stays import CrowdThatStays, Missed
 from crowdfence.zones.sorted_keys import are_among, distinct, united
 
 LEAST_LOOKS = 5
@@ -129,32 +122,30 @@ class DeniedCrowd:
         """What was taken in together, the voxels that some look clearly shows as crowd after it, and those
         that are crowd on the map."""
         with self._lock:
-            for observation in observations:
-                self._look(observation, shown_ids)
-                for drone, missed in self._stays.look(observation, shown_ids).items():
+            looks = [CloseLook(observation) for observation in observations]
+            for look in looks:
+                self._look(look, shown_ids)
+                for drone, missed in self._stays.look(look, shown_ids).items():
                     self._stayed(drone, missed)
             # Behind the looks: what one of them opened was crowd before.
             for ids in (shown_ids, crowd_ids):
                 new = ids[~are_among(ids, self._ever)]
                 self._ever = united(self._ever, distinct(new))
-            for observation in observations:
-                self._settle(observation)
+            for look in looks:
+                self._settle(look)
 
-    def _look(self, observation: Observation, shown_ids: NDArray[np.int64]) -> None:
-        drone, stamp_ns, mean = observation.drone, observation.stamp_ns, observation.mean
-        if (mean > CROWD).any():
+    def _look(self, look: CloseLook, shown_ids: NDArray[np.int64]) -> None:
+        drone, stamp_ns = look.drone, look.stamp_ns
+        if len(look.crowd_ids):
             self._showed_ns[drone] = max(stamp_ns, self._showed_ns.get(drone, stamp_ns))
             self._now[drone] = None
             self._decided.add(drone)
             return
         shows_itself = stamp_ns - self._showed_ns.get(drone, -_SHOWS_NS - 1) <= _SHOWS_NS
-        if shows_itself or len(shown_ids) < LEAST_VOXELS:
+        is_denied = None if shows_itself else look.closely(shown_ids).is_denied
+        if is_denied is None:
             return
-        looked = looks_closely(observation) & are_among(observation.voxel_ids, shown_ids)
-        there = mean[looked]
-        if len(there) < LEAST_VOXELS:
-            return
-        if np.mean(there < NOBODY) < NEARLY_ALL:
+        if not is_denied:
             self._now[drone] = None
             self._decided.add(drone)
             return
@@ -182,21 +173,20 @@ class DeniedCrowd:
         if drone not in self._most or row.looks > self._most[drone].looks:
             self._most[drone] = row
 
-    def _settle(self, observation: Observation) -> None:
+    def _settle(self, look: CloseLook) -> None:
         """What a drone in doubt looks at rests on its word until one that is not in doubt looks there."""
-        own = self._now.get(observation.drone)
-        if own is not None and len(observation.voxel_ids):
-            seen = observation.voxel_ids[are_among(observation.voxel_ids, self._ever)]
-            own.unsettled = distinct(np.concatenate([own.unsettled, seen]))
-            own.looked_ns = max(own.looked_ns, observation.stamp_ns)
-        if own is not None and (own.row.are_many or not own.occasion.are_over(observation.stamp_ns)):
+        own = self._now.get(look.drone)
+        if own is not None and len(look):
+            own.unsettled = distinct(np.concatenate([own.unsettled, look.seen(self._ever)]))
+            own.looked_ns = max(own.looked_ns, look.stamp_ns)
+        if own is not None and (own.row.are_many or not own.occasion.are_over(look.stamp_ns)):
             return
         for drone, doubt in self._now.items():
-            if doubt is None or drone == observation.drone or observation.stamp_ns <= doubt.looked_ns:
+            if doubt is None or drone == look.drone or look.stamp_ns <= doubt.looked_ns:
                 continue
             if len(doubt.unsettled):
-                closely = observation.voxel_ids[looks_closely(observation)]
-                doubt.unsettled = doubt.unsettled[~are_among(doubt.unsettled, closely)]
+                settled = look.closely(doubt.unsettled).seen
+                doubt.unsettled = doubt.unsettled[~are_among(doubt.unsettled, settled)]
 
     def now(self, now_ns: int) -> dict[str, Denial | None]:
         """Of drones that looked at what others show: what is told where they see nobody there, until they see
