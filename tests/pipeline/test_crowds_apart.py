@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import crowdfence as cf
+from crowdfence.pipeline.close_look import CloseLook
 from crowdfence.pipeline.crowds_apart import CrowdsApart
 from support.crowd_of_two import seen_by_two
 from support.small_service import CONFIG, plain, recording
@@ -36,7 +37,7 @@ def after(*looks: cf.Observation) -> list[str]:
     """All that is shown stands, of whichever drone."""
     apart = CrowdsApart()
     for one in looks:
-        apart.look([one], np.arange(100))
+        apart.look([CloseLook(one)], np.arange(100))
     return apart.warnings
 
 
@@ -95,7 +96,7 @@ def test_it_is_told_now_until_they_show_the_same_crowd_or_one_is_left_out() -> N
 
     def now(*looks: cf.Observation, left_out: tuple[str, ...] = ()) -> tuple[bool, bool]:
         for one in looks:
-            apart.look([one], np.arange(100))
+            apart.look([CloseLook(one)], np.arange(100))
         return apart.now(left_out) is not None, apart.is_undecided
 
     assert now(*pairs(3)) == (False, True), "too short to say"
@@ -106,7 +107,7 @@ def test_it_is_told_now_until_they_show_the_same_crowd_or_one_is_left_out() -> N
     assert apart.warnings, "of a whole flight"
     same = CrowdsApart()
     for one in (view("uav1", 0.0, WEST), view("uav2", 0.0, WEST)):
-        same.look([one], np.arange(100))
+        same.look([CloseLook(one)], np.arange(100))
     assert same.now(()) is None and not same.is_undecided
 
 

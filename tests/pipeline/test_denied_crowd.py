@@ -5,6 +5,7 @@ import pytest
 from shapely import Point
 
 import crowdfence as cf
+from crowdfence.pipeline.close_look import CloseLook
 from crowdfence.pipeline.denied_crowd import DeniedCrowd
 from support.small_service import CONFIG, plain, recording, sharp, views
 
@@ -40,7 +41,7 @@ def view(
 def after(*views: cf.Observation, shown: np.ndarray[tuple[int], np.dtype[np.int64]] = CROWD) -> DeniedCrowd:
     denied = DeniedCrowd()
     for one in views:
-        denied.look([one], shown, CROWD)
+        denied.look([CloseLook(one)], shown, CROWD)
     return denied
 
 
@@ -96,10 +97,10 @@ def shows_and_misses(
     denied, none = DeniedCrowd(), np.empty(0, np.int64)
     for number in range(rounds):
         stamp_s = every_s * number
-        denied.look([view(stamp_s, 0.9, drone="uav1", voxels=40)], CROWD, CROWD)
+        denied.look([CloseLook(view(stamp_s, 0.9, drone="uav1", voxels=40))], CROWD, CROWD)
         if between is not None:
-            denied.look([view(**{"stamp_s": stamp_s + 4.0} | between)], none, none)  # type: ignore[arg-type]
-        denied.look([view(stamp_s + every_s / 2.0)], none, none)
+            denied.look([CloseLook(view(**{"stamp_s": stamp_s + 4.0} | between))], none, none)  # type: ignore[arg-type]
+        denied.look([CloseLook(view(stamp_s + every_s / 2.0))], none, none)
     return denied
 
 
@@ -144,9 +145,9 @@ def test_who_may_miss_it_too_takes_no_crowd_away(between: dict[str, float]) -> N
 def test_crowd_that_a_drone_may_miss_is_not_denied(look: dict[str, float]) -> None:
     denied = DeniedCrowd()
     for number in range(20):
-        denied.look([view(15.0 * number, 0.9, drone="uav1", voxels=40)], CROWD, CROWD)
+        denied.look([CloseLook(view(15.0 * number, 0.9, drone="uav1", voxels=40))], CROWD, CROWD)
         late = view(**{"stamp_s": 15.0 * number + 7.0} | look)  # type: ignore[arg-type]
-        denied.look([late], np.empty(0, np.int64), CROWD)
+        denied.look([CloseLook(late)], np.empty(0, np.int64), CROWD)
     assert not denied.warnings
 
 

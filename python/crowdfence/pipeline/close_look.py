@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdfence._core import Observation
+from crowdfence.zones.sorted_keys import are_among
 
 LEAST_VOXELS = 20
 """That somebody shows within a look, or it says nothing."""
@@ -50,6 +51,10 @@ class CloseLook:
 
     def __len__(self) -> int:
         return len(self._voxel_ids)
+
+    def shows(self, shown_ids: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Those of them that some look clearly shows as crowd, sorted."""
+        return self.crowd_ids[are_among(self.crowd_ids, shown_ids)]
 
     def seen(self, voxel_ids: NDArray[np.int64]) -> NDArray[np.int64]:
         """Which of the voxels it sees at all, in their order."""

@@ -44,7 +44,7 @@ class CrowdThatStays:
         some look clearly shows as crowd after it."""
         if len(look.crowd_ids):
             self._missed.pop(look.drone, None)
-        shows = look.crowd_ids[are_among(look.crowd_ids, shown_ids)]
+        shows = look.shows(shown_ids)
         own = self._shown.get(look.drone, _NONE)
         again = shows[are_among(shows, own)]
         self._shown[look.drone] = united(own[~are_among(own, look.closely(own).empty)], shows)

@@ -5,21 +5,15 @@ puts the crowd on another side, and the look of another one opens its zone."""
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence._core import Observation
 from crowdfence.pipeline.close_look import LEAST_VOXELS, CloseLook
-from crowdfence.zones.sorted_keys import are_among
+from crowdfence.pipeline.looks_in_a_row import LooksInARow
 
-LEAST_LOOKS = 5
-"""In a row of a pair, without one at which both show the same ground."""
-LEAST_S = 3.0
-"""From the first of them to the last: false alarms of two drones stand for 2 s."""
 _TOGETHER_NS = 1_000_000_000
 """So far apart two looks are of one moment: whoever runs has gone 3 m by then, less than a crowd is wide."""
 
@@ -34,42 +28,31 @@ class _Shown(NamedTuple):
         return other.closely(self.shows).is_denied if len(self.shows) >= LEAST_VOXELS else None
 
 
-@dataclass(slots=True)
-class _Row:
-    looks: int
-    first_ns: int
-    last_ns: int
-
-    @property
-    def is_told(self) -> bool:
-        return self.looks >= LEAST_LOOKS and self.last_ns - self.first_ns >= LEAST_S * 1e9
-
-
-_Rows = Mapping[tuple[str, str], _Row]
+_Rows = Mapping[tuple[str, str], LooksInARow]
+"""Of each pair, without a look at which both show the same ground."""
 
 
 class CrowdsApart:
-    """Looks at observations as they pass. One thread may look while another asks."""
+    """Asks looks as they pass; may be shared between threads."""
 
     def __init__(self) -> None:
         self._lock = Lock()
         self._last: dict[str, _Shown] = {}
-        self._rows: dict[tuple[str, str], _Row] = {}
-        self._most: dict[tuple[str, str], _Row] = {}
+        self._rows: dict[tuple[str, str], LooksInARow] = {}
+        self._most: dict[tuple[str, str], LooksInARow] = {}
         """The longest row of each pair that is long enough to be told."""
         self._has_ended = False
 
-    def look(self, observations: Sequence[Observation], shown_ids: NDArray[np.int64]) -> None:
+    def look(self, looks: Sequence[CloseLook], shown_ids: NDArray[np.int64]) -> None:
         """What was taken in together, and the voxels that some look clearly shows as crowd after it."""
         with self._lock:
-            for one in observations:
-                look = CloseLook(one)
-                own = _Shown(look, look.crowd_ids[are_among(look.crowd_ids, shown_ids)])
+            for look in looks:
+                own = _Shown(look, look.shows(shown_ids))
                 for drone, other in self._last.items():
-                    if drone != one.drone and abs(one.stamp_ns - other.look.stamp_ns) <= _TOGETHER_NS:
-                        first, second = sorted((drone, one.drone))
+                    if drone != look.drone and abs(look.stamp_ns - other.look.stamp_ns) <= _TOGETHER_NS:
+                        first, second = sorted((drone, look.drone))
                         self._compare((first, second), own, other)
-                self._last[one.drone] = own
+                self._last[look.drone] = own
 
     def _compare(self, pair: tuple[str, str], own: _Shown, other: _Shown) -> None:
         here = own.is_denied_by(other.look)
@@ -81,11 +64,9 @@ class CrowdsApart:
             self._rows.pop(pair, None)
             self._has_ended = True
             return
-        row = self._rows.setdefault(pair, _Row(0, stamp_ns, stamp_ns))
-        row.looks += 1
-        row.first_ns, row.last_ns = min(row.first_ns, stamp_ns), max(row.last_ns, stamp_ns)
+        row = self._rows[pair] = self._rows.get(pair, LooksInARow.begun(stamp_ns)).and_at(stamp_ns)
         longest = self._most.get(pair)
-        if row.is_told and (longest is None or row.looks > longest.looks):
+        if row.are_many and (longest is None or row.looks > longest.looks):
             self._most[pair] = row
 
     @property
@@ -97,7 +78,7 @@ class CrowdsApart:
     def now(self, left_out: Collection[str]) -> str | None:
         """What is to be told of rows that go on, of drones that are not `left_out`; None where none does."""
         with self._lock:
-            told = {pair: row for pair, row in self._rows.items() if row.is_told}
+            told = {pair: row for pair, row in self._rows.items() if row.are_many}
             return _sentence({pair: told[pair] for pair in told if not any(one in left_out for one in pair)})
 
     @property
@@ -116,7 +97,7 @@ def _sentence(rows: _Rows) -> str | None:
     so_did = f", and so did {others} other pair{'s' if others > 1 else ''} of drones" if others else ""
     return (
         f"{first} and {second} each showed crowd only where the other saw nobody, in {row.looks} looks "
-        f"in a row, over {(row.last_ns - row.first_ns) / 1e9:.0f} s{so_did}: zones lie beside their crowds, "
+        f"in a row, over {row.seconds:.0f} s{so_did}: zones lie beside their crowds, "
         "or the crowds are false alarms. Do heights of poses and map count from the same level, and is every "
         "heading right?"
     )

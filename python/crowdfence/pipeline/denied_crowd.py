@@ -15,15 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdfence._core import Observation
 from crowdfence.pipeline.close_look import CloseLook
 from crowdfence.pipeline.crowd_that_stays import CrowdThatStays, Missed
+from crowdfence.pipeline.looks_in_a_row import LooksInARow
 from crowdfence.zones.sorted_keys import are_among, distinct, united
 
-LEAST_LOOKS = 5
-"""In a row. On 14 rendered missions drones that see had at most three."""
-LEAST_S = 3.0
-"""From the first of them to the last: the false alarm of another drone stands for 2 s."""
 _APART_S = 10.0
 """Longer between two of them, and they are of two occasions: false alarms that flash up now and then make no
 row, however long the flight."""
@@ -42,39 +38,14 @@ class Denial(NamedTuple):
     """First look of the newest occasion that is long enough to be told by itself."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Denials:
-    """Looks of a drone in a row that saw nobody where others showed crowd."""
-
-    looks: int
-    first_ns: int
-    last_ns: int
-
-    @staticmethod
-    def begun(stamp_ns: int) -> _Denials:
-        return _Denials(0, stamp_ns, stamp_ns)
-
-    def and_at(self, stamp_ns: int) -> _Denials:
-        """With one look more."""
-        return _Denials(self.looks + 1, min(stamp_ns, self.first_ns), max(stamp_ns, self.last_ns))
-
-    @property
-    def are_many(self) -> bool:
-        return self.looks >= LEAST_LOOKS and self.last_ns - self.first_ns >= LEAST_S * 1e9
-
-    def are_over(self, stamp_ns: int) -> bool:
-        """Whether a look at a stamp is of another occasion."""
-        return stamp_ns - self.last_ns > _APART_S * 1e9
-
-
 @dataclass(slots=True)
 class _Doubt:
     """Whether one drone sees anything."""
 
-    row: _Denials
+    row: LooksInARow
     """One that was told goes on with the next occasion, or a blind drone would see again for a moment each
     time that it comes back."""
-    occasion: _Denials
+    occasion: LooksInARow
     """The newest part of the row without a long pause."""
     since_ns: int
     unsettled: NDArray[np.int64] = field(default_factory=lambda: _NONE)
@@ -83,10 +54,10 @@ class _Doubt:
     """Its newest look at any ground."""
 
     def denied(self, stamp_ns: int) -> None:
-        if self.occasion.are_over(stamp_ns):
-            self.occasion = _Denials.begun(stamp_ns)
+        if _is_over(self.occasion, stamp_ns):
+            self.occasion = LooksInARow.begun(stamp_ns)
             if not self.row.are_many:
-                self.row, self.unsettled = _Denials.begun(stamp_ns), _NONE
+                self.row, self.unsettled = LooksInARow.begun(stamp_ns), _NONE
         self.row, self.occasion = self.row.and_at(stamp_ns), self.occasion.and_at(stamp_ns)
         if self.occasion.are_many:
             self.since_ns = self.occasion.first_ns
@@ -98,7 +69,7 @@ class _Doubt:
 
 
 class DeniedCrowd:
-    """Looks at observations as they pass; may be shared between threads."""
+    """Asks looks as they pass; may be shared between threads."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -106,7 +77,7 @@ class DeniedCrowd:
         """Of every drone that looked at what others showed."""
         self._decided: set[str] = set()
         """Drones of which it was known at some time whether they see anything."""
-        self._most: dict[str, _Denials] = {}
+        self._most: dict[str, LooksInARow] = {}
         """The longest rows of each drone that are long enough to be told."""
         self._stays = CrowdThatStays()
         self._showed_ns: dict[str, int] = {}
@@ -115,14 +86,13 @@ class DeniedCrowd:
 
     def look(
         self,
-        observations: Sequence[Observation],
+        looks: Sequence[CloseLook],
         shown_ids: NDArray[np.int64],
         crowd_ids: NDArray[np.int64],
     ) -> None:
         """What was taken in together, the voxels that some look clearly shows as crowd after it, and those
         that are crowd on the map."""
         with self._lock:
-            looks = [CloseLook(observation) for observation in observations]
             for look in looks:
                 self._look(look, shown_ids)
                 for drone, missed in self._stays.look(look, shown_ids).items():
@@ -151,14 +121,14 @@ class DeniedCrowd:
             return
         doubt = self._now.get(drone)
         if doubt is None:
-            begun = _Denials.begun(stamp_ns)
+            begun = LooksInARow.begun(stamp_ns)
             doubt = self._now[drone] = _Doubt(begun, begun, stamp_ns)
         doubt.denied(stamp_ns)
         self._tell(drone, doubt.row)
 
     def _stayed(self, drone: str, missed: Missed) -> None:
         """A look of a drone that saw nobody was wrong, however long ago it was that the crowd was shown."""
-        row = _Denials(missed.times, missed.first_ns, missed.looked_ns)
+        row = LooksInARow(missed.times, missed.first_ns, missed.looked_ns)
         if not row.are_many:
             return
         doubt = self._now.get(drone)
@@ -166,7 +136,7 @@ class DeniedCrowd:
             self._now[drone] = _Doubt(row, row, row.first_ns, missed.voxel_ids, missed.looked_ns)
         self._tell(drone, row)
 
-    def _tell(self, drone: str, row: _Denials) -> None:
+    def _tell(self, drone: str, row: LooksInARow) -> None:
         if not row.are_many:
             return
         self._decided.add(drone)
@@ -179,7 +149,7 @@ class DeniedCrowd:
         if own is not None and len(look):
             own.unsettled = distinct(np.concatenate([own.unsettled, look.seen(self._ever)]))
             own.looked_ns = max(own.looked_ns, look.stamp_ns)
-        if own is not None and (own.row.are_many or not own.occasion.are_over(look.stamp_ns)):
+        if own is not None and (own.row.are_many or not _is_over(own.occasion, look.stamp_ns)):
             return
         for drone, doubt in self._now.items():
             if doubt is None or drone == look.drone or look.stamp_ns <= doubt.looked_ns:
@@ -213,10 +183,14 @@ class DeniedCrowd:
             return [_sentence(drone, row) for drone, row in sorted(self._most.items())]
 
 
-def _sentence(drone: str, row: _Denials) -> str:
-    seconds = (row.last_ns - row.first_ns) / 1e9
+def _is_over(occasion: LooksInARow, stamp_ns: int) -> bool:
+    """Whether a look at a stamp is of another occasion."""
+    return stamp_ns - occasion.last_ns > _APART_S * 1e9
+
+
+def _sentence(drone: str, row: LooksInARow) -> str:
     return (
-        f"{drone} saw nobody in {row.looks} looks in a row, over {seconds:.0f} s, where other drones clearly "
-        "showed a crowd: is its camera covered, or its detector failing? What it alone has in view opens: "
-        "leave it out; or the others are wrong"
+        f"{drone} saw nobody in {row.looks} looks in a row, over {row.seconds:.0f} s, where other drones "
+        "clearly showed a crowd: is its camera covered, or its detector failing? What it alone has in view "
+        "opens: leave it out; or the others are wrong"
     )

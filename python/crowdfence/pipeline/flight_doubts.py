@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from crowdfence._core import Observation, View
 from crowdfence.pipeline.blind_drones import BlindDrones
+from crowdfence.pipeline.close_look import CloseLook
 from crowdfence.pipeline.crowds_apart import CrowdsApart
 from crowdfence.pipeline.denied_crowd import DeniedCrowd
 from crowdfence.pipeline.detect import HeatmapSource
@@ -36,9 +37,10 @@ class FlightDoubts:
             if self._nobody is not None:
                 self._nobody.look(view)
         self.blind.look(views, observations)
+        looks = [CloseLook(observation) for observation in observations]
         # What is settled, for which the crowd on the map counts, is asked of a fleet that flies.
-        self._denied.look(observations, shown_ids, shown_ids)
-        self._apart.look(observations, shown_ids)
+        self._denied.look(looks, shown_ids, shown_ids)
+        self._apart.look(looks, shown_ids)
 
     def warnings(self, drones: Sequence[str], max_range_m: float) -> list[str]:
         """Units of heatmaps, heatmaps of nobody, `drones` that saw nothing of the map, and those that saw

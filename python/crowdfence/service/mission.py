@@ -16,6 +16,7 @@ from crowdfence.config import RunConfig
 from crowdfence.exports.map_description import MapDescription
 from crowdfence.georeference import Georeference
 from crowdfence.pipeline import FrameLoop, Step
+from crowdfence.pipeline.close_look import CloseLook
 from crowdfence.pipeline.crowds_apart import CrowdsApart
 from crowdfence.pipeline.denied_crowd import DeniedCrowd
 from crowdfence.pipeline.still_video import StillVideo
@@ -146,8 +147,9 @@ class Mission:
         self.found = step.zones
         self.recent_looks.add(step.update.observations)
         self.unheeded_crowd.add(step.update.observations, step.crowd_ids)
-        self.denied_crowd.look(step.update.observations, step.shown_ids, step.crowd_ids)
-        self.crowds_apart.look(step.update.observations, step.shown_ids)
+        looks = [CloseLook(observation) for observation in step.update.observations]
+        self.denied_crowd.look(looks, step.shown_ids, step.crowd_ids)
+        self.crowds_apart.look(looks, step.shown_ids)
         self._seen.add(step.update.voxel_ids)
         return self.publish(step.stamp_ns)
 

@@ -37,14 +37,6 @@ export class Heights {
     return [west, north - this.depth_m, west + this.width_m, north];
   }
 
-  east(column: number): number {
-    return this.frame.west + (column + 0.5) * this.frame.cell_size_m;
-  }
-
-  north(row: number): number {
-    return this.frame.north - (row + 0.5) * this.frame.cell_size_m;
-  }
-
   /** Bilinear between the middles of cells, level from the outermost to the edge; NaN off the map and in its holes. */
   at(east: number, north: number): number {
     const { frame } = this;
